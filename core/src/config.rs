@@ -1,0 +1,231 @@
+//! Configuration with one home per number: its default, bounds, unit and source stand where the field is declared.
+//!
+//! [`config!`](crate::config!) declares a section as a plain `Copy` struct with `Default`, serde (unknown keys refused), a
+//! [`validate`](Section::validate) that is called once at the rim, and a listing of its fields, documentation
+//! included, from which the host prints a commented file.
+
+use core::fmt::{self, Write};
+
+/// A field's value out of its bounds.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{field} is {value}, expected {expected}")]
+pub struct ConfigError {
+    /// Name of the field.
+    pub field: &'static str,
+    /// What it was.
+    pub value: heapless::String<24>,
+    /// What would be right.
+    pub expected: heapless::String<48>,
+}
+
+/// One field of a section, as listed for people.
+pub struct Field<'a> {
+    /// Key in the file.
+    pub name: &'static str,
+    /// Documentation, a line each.
+    pub doc: &'static [&'static str],
+    /// Its value now.
+    pub value: &'a dyn ConfigValue,
+    /// Bounds or choices, in words; empty if any value will do.
+    pub expected: heapless::String<96>,
+}
+
+/// A group of fields: one `[table]` of the configuration file.
+pub trait Section {
+    /// What the section is about, a line each.
+    fn doc(&self) -> &'static [&'static str];
+
+    /// Calls `visit` with every field in order.
+    fn visit(&self, visit: &mut dyn FnMut(&Field<'_>));
+
+    /// # Errors
+    /// The first field out of its bounds.
+    fn validate(&self) -> Result<(), ConfigError>;
+}
+
+/// A type that a field may have.
+pub trait ConfigValue {
+    /// Writes the value as TOML has it.
+    ///
+    /// # Errors
+    /// Only if `out` fails.
+    fn write_toml(&self, out: &mut dyn Write) -> fmt::Result;
+
+    /// The values a field of this type may have, in words; empty if the type does not limit them.
+    fn choices(&self) -> &'static str {
+        ""
+    }
+}
+
+macro_rules! numbers {
+    ($($number:ty),*) => {$(
+        impl ConfigValue for $number {
+            fn write_toml(&self, out: &mut dyn Write) -> fmt::Result {
+                write!(out, "{self:?}")
+            }
+        }
+    )*};
+}
+numbers!(u8, u16, u32, u64, f32, bool);
+
+/// Text of bounds: `4 to 512`; the first argument only lends its type to literals.
+pub fn describe_bounds<const N: usize, T: ConfigValue>(
+    _typed: &T,
+    bounds: &core::ops::RangeInclusive<T>,
+) -> heapless::String<N> {
+    let mut text = heapless::String::new();
+    let written = bounds.start().write_toml(&mut text).and_then(|()| text.write_str(" to "));
+    // A text that does not fit is cut: bounds are short by construction.
+    let _ = written.and_then(|()| bounds.end().write_toml(&mut text));
+    text
+}
+
+/// # Errors
+/// If `value` is outside `bounds` (NaN always is).
+pub fn check_bounds<T: ConfigValue + PartialOrd>(
+    field: &'static str,
+    value: &T,
+    bounds: &core::ops::RangeInclusive<T>,
+) -> Result<(), ConfigError> {
+    if bounds.contains(value) {
+        return Ok(());
+    }
+    let mut text = heapless::String::new();
+    let _ = value.write_toml(&mut text);
+    Err(ConfigError { field, value: text, expected: describe_bounds(value, bounds) })
+}
+
+/// Declares a configuration section; see the [module](crate::config).
+///
+/// A field reads `name: type = default, in low..=high;`, the bounds being optional.
+#[macro_export]
+macro_rules! config {
+    (
+        $(#[doc = $section_doc:literal])*
+        pub struct $name:ident {
+            $(
+                $(#[doc = $doc:literal])*
+                $field:ident : $type:ty = $default:expr $(, in $bounds:expr)? ;
+            )*
+        }
+    ) => {
+        $(#[doc = $section_doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+        #[serde(default, deny_unknown_fields)]
+        pub struct $name {
+            $( $(#[doc = $doc])* pub $field: $type, )*
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $( $field: $default, )* }
+            }
+        }
+
+        impl $crate::config::Section for $name {
+            fn doc(&self) -> &'static [&'static str] {
+                &[$($section_doc),*]
+            }
+
+            fn visit(&self, visit: &mut dyn FnMut(&$crate::config::Field<'_>)) {
+                $(
+                    #[allow(unused_mut, unused_assignments)]
+                    let mut expected = heapless::String::try_from(
+                        $crate::config::ConfigValue::choices(&self.$field)
+                    ).unwrap_or_default();
+                    $( expected = $crate::config::describe_bounds(&self.$field, &($bounds)); )?
+                    visit(&$crate::config::Field {
+                        name: stringify!($field),
+                        doc: &[$($doc),*],
+                        value: &self.$field,
+                        expected,
+                    });
+                )*
+            }
+
+            fn validate(&self) -> Result<(), $crate::config::ConfigError> {
+                $( $( $crate::config::check_bounds(stringify!($field), &self.$field, &($bounds))?; )? )*
+                Ok(())
+            }
+        }
+    };
+}
+
+/// Declares an enumeration that a configuration field can hold, written in the file as the given text.
+#[macro_export]
+macro_rules! config_choice {
+    (
+        $(#[doc = $enum_doc:literal])*
+        pub enum $name:ident {
+            $( $(#[doc = $doc:literal])* $variant:ident = $text:literal, )*
+        }
+        choices $choices:literal
+    ) => {
+        $(#[doc = $enum_doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+        pub enum $name {
+            $( $(#[doc = $doc])* #[serde(rename = $text)] $variant, )*
+        }
+
+        impl $crate::config::ConfigValue for $name {
+            fn write_toml(&self, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
+                let text = match self { $( Self::$variant => $text, )* };
+                write!(out, "\"{text}\"")
+            }
+
+            fn choices(&self) -> &'static str {
+                $choices
+            }
+        }
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    config_choice! {
+        /// A choice.
+        pub enum Colour {
+            /// One.
+            Red = "red",
+            /// Other.
+            Blue = "blue",
+        }
+        choices "\"red\" or \"blue\""
+    }
+
+    config! {
+        /// An example.
+        pub struct Example {
+            /// How many.
+            count: u16 = 100, in 4..=512;
+            /// How long, m.
+            length_m: f32 = 0.3, in 0.01..=10.0;
+            /// Which.
+            colour: Colour = Colour::Red;
+        }
+    }
+
+    #[test]
+    fn fields_print_as_toml_with_their_bounds() {
+        let mut text = heapless::String::<256>::new();
+        Example::default().visit(&mut |field| {
+            write!(text, "{} = ", field.name).unwrap();
+            field.value.write_toml(&mut text).unwrap();
+            writeln!(text, " # {}", field.expected).unwrap();
+        });
+        assert_eq!(
+            text,
+            "count = 100 # 4 to 512\nlength_m = 0.3 # 0.01 to 10.0\ncolour = \"red\" # \"red\" or \"blue\"\n"
+        );
+    }
+
+    #[test]
+    fn value_out_of_bounds_is_named() {
+        let error = Example { length_m: f32::NAN, ..Example::default() }.validate().unwrap_err();
+        assert_eq!(error.field, "length_m");
+        assert_eq!((error.value.as_str(), error.expected.as_str()), ("NaN", "0.01 to 10.0"));
+        assert_eq!(Example::default().validate(), Ok(()));
+    }
+}

@@ -1,0 +1,45 @@
+//! Laser SLAM for small robots: what fits on the robot.
+//!
+//! One laser range finder, no odometry. `no_std`, no heap, no `unsafe`, no panic on data; memory is lent by the
+//! caller, time and randomness are arguments. The same input and seed give the same bits on a microcontroller
+//! and on a PC.
+//!
+//! # Layers
+//! A module uses only what stands to its left:
+//! `math, time, config | geometry | scan, filter | ndt, de | matcher | laser_odometry`.
+//!
+//! # Data flow
+//! [`RangeScan`](scan::RangeScan) (polar) → [`filter`] → points → [`ScanMatcher`](matcher::ScanMatcher) against an
+//! [`NdtGrid`](ndt::NdtGrid) → [`Match`](matcher::Match) → pose of the robot.
+//!
+//! # Frames
+//! `map`, `robot`, `lrf`: x forward, y left, z up (REP-103), angles counter-clockwise in (−π, π]. A transform is
+//! named `a_from_b`, so that names meet: `map_from_lrf = map_from_robot * robot_from_lrf`.
+//! The thesis has y forward and x lateral; its Δy is our forward displacement, its Δx our lateral one.
+//!
+//! # Units
+//! Metres, radians, seconds (times as integer microseconds). Degrees appear in configuration only, and its names
+//! say so.
+//!
+//! # Sources
+//! "Thesis" is L. E. Ynoquio Herrera, *Mobile robot simultaneous localization and mapping using DP-SLAM with a
+//! single laser range finder*, PUC-Rio 2011. NDT: Biber & Straßer, IROS 2003. Differential evolution: Storn &
+//! Price 1997.
+#![no_std]
+#![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing,
+        clippy::std_instead_of_core
+    )
+)]
+
+pub mod config;
+pub mod geometry;
+pub mod math;
+pub mod scan;
+pub mod time;

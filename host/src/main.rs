@@ -1,0 +1,2 @@
+//! The command `lrfslam`.
+fn main() {}

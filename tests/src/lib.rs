@@ -1,0 +1,2 @@
+//! What the scenario tests share.
+#![forbid(unsafe_code)]
