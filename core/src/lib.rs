@@ -39,7 +39,12 @@
 )]
 
 pub mod config;
+pub mod de;
+pub mod filter;
 pub mod geometry;
+pub mod laser_odometry;
+pub mod matcher;
 pub mod math;
+pub mod ndt;
 pub mod scan;
 pub mod time;
