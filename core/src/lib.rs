@@ -40,6 +40,7 @@
 
 pub mod config;
 pub mod geometry;
+pub mod grid;
 pub mod math;
 pub mod scan;
 pub mod time;

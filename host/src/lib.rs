@@ -1,2 +1,10 @@
 //! Laser SLAM on a computer: logs in, maps and trajectories out.
+//!
+//! # Data flow
+//! [`log`] (scans of a recorded file) → mapper (poses) → [`trajectory`], [`occupancy_map`] → files; [`evaluation`]
+//! compares a trajectory with ground truth.
 #![forbid(unsafe_code)]
+
+pub mod log;
+pub mod pose_f64;
+pub mod text_input;
