@@ -5,6 +5,10 @@
 //! compares a trajectory with ground truth.
 #![forbid(unsafe_code)]
 
+pub mod evaluation;
 pub mod log;
+pub mod output;
 pub mod pose_f64;
+pub mod table;
 pub mod text_input;
+pub mod trajectory;
