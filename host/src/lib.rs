@@ -5,10 +5,15 @@
 //! compares a trajectory with ground truth.
 #![forbid(unsafe_code)]
 
+pub mod config;
 pub mod evaluation;
 pub mod log;
+pub mod map_io;
+pub mod mapper;
+pub mod occupancy_map;
 pub mod output;
 pub mod pose_f64;
+pub mod run_report;
 pub mod table;
 pub mod text_input;
 pub mod trajectory;
