@@ -5,6 +5,7 @@
 //! compares a trajectory with ground truth.
 #![forbid(unsafe_code)]
 
+pub mod cli;
 pub mod config;
 pub mod evaluation;
 pub mod log;
@@ -12,6 +13,7 @@ pub mod map_io;
 pub mod mapper;
 pub mod occupancy_map;
 pub mod output;
+pub mod picture;
 pub mod pose_f64;
 pub mod run_report;
 pub mod table;
