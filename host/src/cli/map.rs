@@ -52,7 +52,7 @@ pub(super) struct MapArgs {
 pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
     let mut job = Job::prepare(args).map_err(Failure::Start)?;
     let fault = job.work();
-    let report = job.write_results(fault.as_ref()).map_err(Failure::Work)?;
+    let report = job.write_results(fault.as_ref()).map_err(|error| Failure::Work(with_cause(error, fault.as_ref())))?;
     if !args.quiet {
         print(&summary(&report, &job.out))?;
     }
@@ -64,6 +64,14 @@ pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
 
 fn partial_notice(report: &RunReport, out: &Path) -> String {
     format!("stopped after {} scans; partial results are in {}", report.log.scans, out.display())
+}
+
+/// A failed last write must not hide what went wrong before it.
+fn with_cause(error: anyhow::Error, fault: Option<&anyhow::Error>) -> anyhow::Error {
+    match fault {
+        Some(fault) => error.context(format!("{fault:#}; then, while writing partial results")),
+        None => error,
+    }
 }
 
 /// A run under way.
@@ -191,7 +199,7 @@ impl Job {
         Cost {
             wall_s,
             scans_per_s: self.trajectory.len() as f64 / wall_s.max(1e-6),
-            log_s: timed.map_or(0.0, |span| span.micros as f64 * 1e-6),
+            log_s: timed.map_or(0.0, |span| span.micros as f64 / 1e6),
             peak_memory_bytes: peak_memory_bytes(),
         }
     }

@@ -53,7 +53,7 @@ impl EvaluationError {
         };
         let (from_s, to_s) = ends(&mut poses.iter().map(|pose| pose.stamp));
         let (reference_from_s, reference_to_s) = ends(&mut reference.clone());
-        let tolerance_s = tolerance.micros as f64 * 1e-6;
+        let tolerance_s = tolerance.micros as f64 / 1e6;
         Self::NothingMatches { poses: poses.len(), from_s, to_s, reference_from_s, reference_to_s, tolerance_s }
     }
 }

@@ -93,7 +93,7 @@ pub fn evaluate_relations(
         relations: relations.len(),
         unmatched: relations.len() - errors.len(),
         inexact_times,
-        tolerance_s: tolerance.micros as f64 * 1e-6,
+        tolerance_s: tolerance.micros as f64 / 1e6,
         translation_m: Statistics::of(&translations),
         rotation_deg: Statistics::of(&rotations),
         share_above_10_cm: translations.iter().filter(|&&t| t > BAD_M).count() as f64 / errors.len() as f64,

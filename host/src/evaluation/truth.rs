@@ -63,7 +63,7 @@ pub fn evaluate_truth(
     Ok(TruthReport {
         truth_poses: truth.len(),
         unmatched: truth.len() - pairs.len(),
-        tolerance_s: tolerance.micros as f64 * 1e-6,
+        tolerance_s: tolerance.micros as f64 / 1e6,
         absolute_m: Statistics::of(&distances),
         absolute_deg: Statistics::of(&angles),
         relative: relative(&pairs, stretch_m),

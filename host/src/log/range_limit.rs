@@ -2,16 +2,16 @@
 //!
 //! Most logs do not say it, yet a wall taken from such a value ruins a map. The rules, strongest first:
 //! 1. what the caller says;
-//! 2. a value that the device uses for "nothing" ([`BANDS`]), when the largest range of a scan lies there and at least
-//!    [`BAND_BEAMS`] of its beams do;
-//! 3. any value that is the largest so far and stands in neighbouring beams over [`RUN_RAD`] unchanged: only a circle
-//!    around the laser would look so;
+//! 2. a value that devices use for "nothing" ([`BANDS`]), when it is the largest seen so far, [`BAND_BEAMS`] times;
+//! 3. any value from [`RUN_FROM_M`] on that is the largest so far and stands in neighbouring beams over [`RUN_RAD`]
+//!    unchanged: only a circle around the laser would look so;
 //! 4. what the log declares; where 2 or 3 find less than that, the smaller value counts (CARMEN logs declare 81.92 m
 //!    and contain 81.83);
 //! 5. with no sign at all: [`FALLBACK_M`].
 //!
-//! The rules look at every scan, the first ones before the first is handed out. A value once found yields only to a
-//! clearly larger one. Comparisons allow for [`TOLERANCE_M`], half of the finest unit in logs.
+//! The rules look at every scan, the first ones before the first is handed out. What 2 or 3 found is dropped when a
+//! clearly larger range turns up: the device can say more. Comparisons allow for [`TOLERANCE_M`], half of the finest
+//! unit in logs.
 
 /// Ranges this near to the limit reach it, m.
 pub(super) const TOLERANCE_M: f32 = 0.000_5;
@@ -20,7 +20,7 @@ pub(super) const TOLERANCE_M: f32 = 0.000_5;
 ///
 /// SICK LMS2xx codes (the last nine values of the 13, 14 and 15 bit ranges, in mm or cm: telegram manual, measured
 /// value overflow and errors); 30, 50, 80 m as capped by recorders; Hokuyo UTM-30LX 65.533 m.
-const BANDS: [(f32, f32); 8] = [
+const BANDS: [Band; 8] = [
     (8.183, 8.192),
     (16.375, 16.384),
     (30.0, 30.0),
@@ -34,20 +34,31 @@ const BANDS: [(f32, f32); 8] = [
 const BAND_BEAMS: usize = 5;
 const RUN_RAD: f32 = 10.0 * std::f32::consts::PI / 180.0;
 const RUN_BEAMS: usize = 6;
+/// No laser range finder sees less far (Hokuyo URG-04LX: 4 m guaranteed).
+const RUN_FROM_M: f32 = 4.0;
 
 /// The farthest that a SICK LMS2xx can say.
 const FALLBACK_M: f32 = 81.83;
 
-/// A limit found replaces one that is smaller by this factor.
-const CLEARLY_LARGER: f32 = 1.05;
+/// Values that mean "nothing" lie within this factor of each other, if no band says more.
+const SAME_KIND: f32 = 1.05;
+
+/// Larger ranges are errors of the log, and prove nothing.
+const BELIEVED_M: f32 = 200.0;
+
+/// From–to, m: these values mean "nothing seen".
+type Band = (f32, f32);
 
 /// The limit, as far as it is known.
 #[derive(Debug, Clone, Default)]
 pub(super) struct RangeLimit {
     given_m: Option<f32>,
     declared_m: Option<f32>,
-    found_m: Option<f32>,
+    found: Option<Band>,
+    /// Of all scans, m.
     largest_m: f32,
+    /// The band in which the largest range lies, and how many ranges did so far.
+    counted: Option<(Band, usize)>,
 }
 
 impl RangeLimit {
@@ -59,36 +70,46 @@ impl RangeLimit {
     /// Takes a scan into account: its ranges (m), angle between beams and what the log declares.
     pub fn observe(&mut self, ranges_m: &[f32], step_rad: f32, declared_m: Option<f32>) {
         self.declared_m = declared_m.or(self.declared_m);
-        let largest_m = ranges_m.iter().copied().filter(|r| r.is_finite()).fold(0.0, f32::max);
-        if largest_m < self.largest_m - TOLERANCE_M {
-            return;
-        }
+        let largest_m = ranges_m.iter().copied().filter(|&range| range <= BELIEVED_M).fold(0.0, f32::max);
         self.largest_m = self.largest_m.max(largest_m);
-        let found = in_band(ranges_m, largest_m).or_else(|| in_run(ranges_m, largest_m, step_rad));
-        if found.is_some_and(|new| self.found_m.is_none_or(|old| new > old * CLEARLY_LARGER)) {
-            self.found_m = found;
+        if self.found.is_some_and(|(_, to)| largest_m > to + TOLERANCE_M) {
+            self.found = None;
+        }
+        if self.found.is_none() {
+            self.found = self.in_band(ranges_m).or_else(|| in_run(ranges_m, self.largest_m, step_rad));
         }
     }
 
     /// Ranges from here on are misses, m.
     pub fn range_max_m(&self) -> f32 {
-        let read = [self.declared_m, self.found_m].into_iter().flatten().reduce(f32::min);
+        let found_m = self.found.map(|(from, _)| from);
+        let read = [self.declared_m, found_m].into_iter().flatten().reduce(f32::min);
         self.given_m.or(read).unwrap_or(FALLBACK_M)
+    }
+
+    /// Rule 2.
+    fn in_band(&mut self, ranges_m: &[f32]) -> Option<Band> {
+        let band = BANDS.into_iter().find(|&band| inside(self.largest_m, band))?;
+        let before = self.counted.filter(|&(counted, _)| counted == band).map_or(0, |(_, count)| count);
+        let count = before + ranges_m.iter().filter(|&&range| inside(range, band)).count();
+        self.counted = Some((band, count));
+        (count >= BAND_BEAMS).then_some(band)
     }
 }
 
-/// Rule 2.
-fn in_band(ranges_m: &[f32], largest_m: f32) -> Option<f32> {
-    let inside = |range: f32, (from, to): (f32, f32)| range >= from - TOLERANCE_M && range <= to + TOLERANCE_M;
-    let band = BANDS.into_iter().find(|&band| inside(largest_m, band))?;
-    (ranges_m.iter().filter(|&&range| inside(range, band)).count() >= BAND_BEAMS).then_some(band.0)
+fn inside(range_m: f32, (from, to): Band) -> bool {
+    range_m >= from - TOLERANCE_M && range_m <= to + TOLERANCE_M
 }
 
 /// Rule 3.
-fn in_run(ranges_m: &[f32], largest_m: f32, step_rad: f32) -> Option<f32> {
+fn in_run(ranges_m: &[f32], largest_m: f32, step_rad: f32) -> Option<Band> {
+    if largest_m < RUN_FROM_M {
+        return None;
+    }
     let needed = ((RUN_RAD / step_rad.abs()) as usize).saturating_add(1).max(RUN_BEAMS);
-    let same = |a: &f32, b: &f32| a == b;
-    ranges_m.chunk_by(same).any(|run| run.first() == Some(&largest_m) && run.len() >= needed).then_some(largest_m)
+    let mut runs = ranges_m.chunk_by(|a, b| a == b);
+    let found = runs.any(|run| run.first() == Some(&largest_m) && run.len() >= needed);
+    found.then_some((largest_m, largest_m * SAME_KIND))
 }
 
 #[cfg(test)]
@@ -114,13 +135,23 @@ mod tests {
         assert_eq!(limit(&[scan(&[81.83; 5])], None), 81.83);
         assert_eq!(limit(&[scan(&[50.0; 7])], None), 50.0);
         assert_eq!(limit(&[scan(&[8.183, 8.183_001, 8.187, 8.191, 8.183])], None), 8.183);
-        assert_eq!(limit(&[scan(&[8.191; 5]), scan(&[81.91; 5])], None), 81.83, "the larger band wins");
+        assert_eq!(limit(&[scan(&[50.0]), scan(&[50.0; 2]), scan(&[9.0]), scan(&[50.0; 2])], None), 50.0);
+        assert_eq!(limit(&[scan(&[50.0; 4])], None), FALLBACK_M);
+    }
+
+    #[test]
+    fn larger_ranges_refute_what_was_found() {
+        assert_eq!(limit(&[scan(&[8.191; 5]), scan(&[81.91; 5])], None), 81.83);
+        assert_eq!(limit(&[scan(&[8.19; 5]), scan(&[12.0])], None), FALLBACK_M, "the room was just 8.19 m long");
+        assert_eq!(limit(&[scan(&[29.99; 11]), scan(&[40.0])], None), FALLBACK_M);
+        assert_eq!(limit(&[scan(&[50.0; 5]), scan(&[1e5])], None), 50.0, "an error of the log");
     }
 
     #[test]
     fn unusual_value_is_recognised_by_its_circle() {
         assert_eq!(limit(&[scan(&[29.99; 11])], None), 29.99);
         assert_eq!(limit(&[scan(&[29.99; 9])], None), FALLBACK_M, "a wall could look so");
+        assert_eq!(limit(&[vec![3.0; 90]], None), FALLBACK_M, "no laser ends there");
         assert_eq!(limit(&[scan(&[12.0]), scan(&[7.0; 30])], None), FALLBACK_M, "farther ranges were seen");
         assert_eq!(limit(&[scan(&[29.99; 11]), scan(&[30.01; 11])], None), 29.99);
     }

@@ -35,7 +35,7 @@ impl Bearings {
 
     /// `beams` beams over `field_of_view_rad`, from its right edge; an even count lacks the beam on its left edge.
     pub fn over(field_of_view_rad: f32, beams: usize) -> Self {
-        let steps = if beams % 2 == 0 { beams } else { beams - 1 }.max(1);
+        let steps = if beams.is_multiple_of(2) { beams } else { beams - 1 }.max(1);
         Self { first_rad: -field_of_view_rad / 2.0, step_rad: field_of_view_rad / steps as f32 }
     }
 
