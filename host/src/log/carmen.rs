@@ -15,7 +15,6 @@
 //! Source: the comment block that CARMEN's logger writes at the head of its files; `logger_playback` manual.
 
 use super::raw::{Bearings, Content, LineReader, RawScan, beam_count, pose, ranges};
-use crate::pose_f64::PoseF64;
 use crate::text_input::{FieldFault, Line, Words, fault};
 use lrfslam_core::time::Instant;
 
@@ -126,10 +125,8 @@ fn robot_laser(words: &mut Words<'_>, line: u64) -> Result<RawScan, FieldFault> 
 }
 
 fn poses(words: &mut Words<'_>, scan: &mut RawScan) -> Result<(), FieldFault> {
-    let lrf: PoseF64 = pose(words, "laser pose")?;
-    let robot: PoseF64 = pose(words, "robot pose")?;
-    scan.odometry_from_lrf = Some(lrf);
-    scan.odometry_from_robot = Some(robot);
+    scan.odometry_from_lrf = pose(words, "laser pose")?;
+    scan.odometry_from_robot = pose(words, "robot pose")?;
     Ok(())
 }
 
@@ -140,6 +137,7 @@ fn time(words: &mut Words<'_>) -> Result<Instant, FieldFault> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pose_f64::PoseF64;
 
     fn read(reader: &mut CarmenReader, text: &str, ended: bool) -> Result<Content, FieldFault> {
         reader.read(&Line { number: 7, text: text.into(), ended })
@@ -162,6 +160,12 @@ mod tests {
         assert_eq!(scan.odometry_from_lrf, Some(PoseF64::new(1.1, 2.0, 0.5)));
         assert_eq!(scan.odometry_from_robot, Some(PoseF64::new(1.0, 2.0, 0.5)));
         assert_eq!(scan.stamp, Some(Instant::from_micros(976_052_857_337_530)));
+    }
+
+    #[test]
+    fn poses_that_are_not_known_leave_the_scan_good() {
+        let scan = scan("FLASER 1 1.5 nan nan nan 1 2 inf 12.5 host 0.25");
+        assert_eq!((scan.odometry_from_lrf, scan.odometry_from_robot), (None, None));
     }
 
     #[test]

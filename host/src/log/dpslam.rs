@@ -29,7 +29,7 @@ impl LineReader for DpSlamReader {
         let mut words = Words::new(&line.text);
         match words.word() {
             Some("Odometry") => {
-                self.odometry = Some(pose(&mut words, "odometry")?);
+                self.odometry = pose(&mut words, "odometry")?;
                 Ok(Content::Other)
             }
             Some("Laser") => self.scan(&mut words, line.number),
@@ -65,6 +65,6 @@ mod tests {
         assert_eq!(scan.odometry_from_robot, None);
         assert_eq!(read("Laser 2 0.5").unwrap_err().field, "range 2 of 2");
         assert_eq!(read("Laser 2 0.5 1 7").unwrap_err().field, "5");
-        assert_eq!(read("Odometry 1 inf 3").unwrap_err().field, "odometry y");
+        assert_eq!(read("Odometry 1 y 3").unwrap_err().field, "odometry y");
     }
 }

@@ -110,10 +110,11 @@ pub(super) fn ranges(words: &mut Words<'_>, count: usize) -> Result<Vec<f32>, Fi
     (1..=count).map(|i| words.parse(|| format!("range {i} of {count}"), expected)).collect()
 }
 
-/// The next three fields as a pose, m and rad.
-pub(super) fn pose(words: &mut Words<'_>, whose: &str) -> Result<PoseF64, FieldFault> {
-    let mut number = |axis: &str| words.finite(&format!("{whose} {axis}"));
-    Ok(PoseF64::new(number("x")?, number("y")?, number("heading")?))
+/// The next three fields as a pose, m and rad; `None` if one is NaN or infinite: the odometry was not known.
+pub(super) fn pose(words: &mut Words<'_>, whose: &str) -> Result<Option<PoseF64>, FieldFault> {
+    let mut number = |axis: &str| words.parse(|| format!("{whose} {axis}"), "a number");
+    let pose = PoseF64::new(number("x")?, number("y")?, number("heading")?);
+    Ok(pose.is_finite().then_some(pose))
 }
 
 #[cfg(test)]
