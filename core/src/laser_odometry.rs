@@ -105,7 +105,6 @@ pub struct StepReport {
 #[derive(Debug)]
 pub struct LaserOdometry<'m> {
     config: LaserOdometryConfig,
-    robot_from_lrf: Pose2,
     ndt: NdtGrid<'m>,
     matcher: ScanMatcher<'m>,
     points: &'m mut [Point2],
@@ -125,14 +124,9 @@ impl<'m> LaserOdometry<'m> {
     ///
     /// # Errors
     /// [`NdtMemoryError`] if the directory or the pool is not of the right form.
-    pub fn new(
-        config: &LaserOdometryConfig,
-        robot_from_lrf: Pose2,
-        memory: OdometryMemory<'m>,
-    ) -> Result<Self, NdtMemoryError> {
+    pub fn new(config: &LaserOdometryConfig, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
         Ok(Self {
             config: *config,
-            robot_from_lrf,
             ndt: NdtGrid::new(&config.ndt, memory.directory, memory.tiles)?,
             matcher: ScanMatcher::new(&config.search, &config.de, &config.matcher, memory.population),
             points: memory.points,
@@ -160,6 +154,7 @@ impl<'m> LaserOdometry<'m> {
 
     /// Matches the next scan.
     ///
+    /// * `robot_from_lrf` — where the laser sits on the robot
     /// * `displacement` — the robot's displacement since the last scan by odometry, if there is any; else the last
     ///   displacement is expected to repeat
     ///
@@ -168,12 +163,13 @@ impl<'m> LaserOdometry<'m> {
     pub fn step(
         &mut self,
         scan: &RangeScan<'_>,
+        robot_from_lrf: Pose2,
         displacement: Option<Pose2>,
         rng: &mut impl Rng,
     ) -> Result<StepReport, PointCapacityError> {
-        let count = filter::filter(&self.config.filter, scan, self.robot_from_lrf, self.points)?.len();
+        let count = filter::filter(&self.config.filter, scan, robot_from_lrf, self.points)?.len();
         let raw = FilterConfig { radius_m: 0.0 };
-        let hits = filter::filter(&raw, scan, self.robot_from_lrf, self.hits)?.len();
+        let hits = filter::filter(&raw, scan, robot_from_lrf, self.hits)?.len();
         let predicted = self.map_from_robot * displacement.unwrap_or(self.velocity);
         let first = self.ndt.tiles_used() == 0;
         let prediction = Prediction { map_from_robot: predicted, score_expected: self.score_per_point * count as f32 };
@@ -243,3 +239,6 @@ impl<'m> LaserOdometry<'m> {
         ndt.insert(points, map_from_robot).dropped
     }
 }
+
+#[cfg(test)]
+mod tests;

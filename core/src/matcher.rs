@@ -38,8 +38,12 @@ crate::config! {
         prior_position_m: f32 = 0.15, in 0.0..=100.0;
         /// The same for the heading, degrees.
         prior_heading_deg: f32 = 10.0, in 0.0..=360.0;
-        /// An axis about which the matched points say less than this share is reported as undetermined (0.5: all directions alike).
-        undetermined_share: f32 = 0.03, in 0.0..=0.5;
+        /// An axis about which the matched points say less than this is reported as undetermined: 0 for parallel walls without
+        /// any feature, 0.5 for walls in all directions seen as sharply as the laser can.
+        constraint_min: f32 = 0.03, in 0.0..=0.5;
+        /// An axis about which they say less than this is not fully believed but drawn towards the prediction. 0 believes every
+        /// match, as the thesis does.
+        constraint_trusted: f32 = 0.25, in 0.0..=0.5;
     }
 }
 
@@ -79,6 +83,8 @@ pub struct Match {
     pub converged: bool,
     /// Covariance of (x, y, heading), map frame; m², m rad, rad².
     pub covariance: Matrix3<f32>,
+    /// How much the scene says about its least determined axis, 0 (nothing) to 0.5; see [`NdtGrid::constraint`].
+    pub constraint: f32,
     /// Direction in the map (unit vector) about which the scene says nothing, e.g. along a featureless corridor.
     pub undetermined: Option<Point2>,
 }
@@ -156,7 +162,8 @@ impl<'m> ScanMatcher<'m> {
         let found = prediction.map_from_robot * Pose2::new(forward, lateral, rotation);
         let found = objective.climb(found, self.config.newton_steps);
         let best = if self.config.newton_steps > 0 && near.value > found.value { near } else { found };
-        self.report(objective, prediction, best.pose, &outcome)
+        let settled = self.settle(objective, best.pose);
+        self.report(objective, prediction, settled, &outcome)
     }
 
     /// Newton from the prediction alone, without the search: what scan matching is without DE.
@@ -202,6 +209,7 @@ impl<'m> ScanMatcher<'m> {
     ) -> Match {
         let at = objective.ndt.linearise(objective.points, pose);
         let count = objective.points.len().max(1) as f32;
+        let (axis, constraint) = self.weakest_axis(objective, pose);
         Match {
             map_from_robot: pose,
             score: at.score,
@@ -210,20 +218,38 @@ impl<'m> ScanMatcher<'m> {
             generations: outcome.generations,
             converged: outcome.converged,
             covariance: covariance(&at.information),
-            undetermined: self.undetermined_axis(objective, pose),
+            constraint,
+            undetermined: (constraint < self.config.constraint_min).then_some(axis),
         }
     }
 
-    fn undetermined_axis(&self, objective: &Objective<'_, '_>, pose: Pose2) -> Option<Point2> {
-        let [xx, xy, yy] = objective.ndt.constraint(objective.points, pose);
-        let radius = hypot(0.5 * (xx - yy), xy);
-        let smallest = 0.5 * (xx + yy) - radius;
-        if smallest >= self.config.undetermined_share {
-            return None;
+    /// Draws `pose` towards the prediction along the weakest axis, the more the less the scene says about it.
+    ///
+    /// A Kalman update on that axis: the prediction has the prior's variance, the match that of the laser's noise over the
+    /// number of points that speak about the axis, which is far too optimistic for very few points and therefore raised by
+    /// (`constraint_trusted` / constraint)².
+    fn settle(&self, objective: &Objective<'_, '_>, pose: Pose2) -> Pose2 {
+        let (axis, constraint) = self.weakest_axis(objective, pose);
+        let prior = &objective.prior;
+        if prior.position <= 0.0 || !(constraint < self.config.constraint_trusted) {
+            return pose;
         }
+        let noise = objective.ndt.config().noise_m.max(0.01);
+        let doubt = self.config.constraint_trusted / constraint.max(1e-6);
+        let speaking = constraint.max(1e-6) * objective.points.len() as f32;
+        let variance = noise * noise / speaking * doubt * doubt;
+        let gain = 1.0 / (1.0 + variance * prior.position);
+        let departure = axis.x * (pose.x - prior.predicted.x) + axis.y * (pose.y - prior.predicted.y);
+        let back = (gain - 1.0) * departure;
+        Pose2 { x: pose.x + back * axis.x, y: pose.y + back * axis.y, heading: pose.heading }
+    }
+
+    /// The axis that the matched points say least about, and how much they say about it.
+    fn weakest_axis(&self, objective: &Objective<'_, '_>, pose: Pose2) -> (Point2, f32) {
+        let [xx, xy, yy] = objective.ndt.constraint(objective.points, pose);
         // The eigenvector of the larger eigenvalue is at half the angle of (xx − yy, 2 xy); ours stands across it.
         let (sin, cos) = sin_cos(0.5 * libm::atan2f(2.0 * xy, xx - yy));
-        Some(Point2::new(-sin, cos))
+        (Point2::new(-sin, cos), 0.5 * (xx + yy) - hypot(0.5 * (xx - yy), xy))
     }
 }
 
@@ -318,3 +344,6 @@ struct Summit {
     pose: Pose2,
     value: f32,
 }
+
+#[cfg(test)]
+mod tests;
