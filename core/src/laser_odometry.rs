@@ -36,6 +36,8 @@ crate::config! {
         key_distance_m: f32 = 0.05, in 0.0..=10.0;
         /// … or this much rotation, degrees.
         key_rotation_deg: f32 = 2.0, in 0.0..=180.0;
+        /// The first so many scans all go into the reference: the first one alone is thin and noisy.
+        settling_scans: u16 = 10, in 1..=1000;
     }
 }
 
@@ -116,6 +118,7 @@ pub struct LaserOdometry<'m> {
     map_from_key: Pose2,
     velocity: Pose2,
     score_per_point: f32,
+    scans: u32,
     lost_scans: u16,
 }
 
@@ -138,6 +141,7 @@ impl<'m> LaserOdometry<'m> {
             map_from_key: Pose2::IDENTITY,
             velocity: Pose2::IDENTITY,
             score_per_point: 0.5,
+            scans: 0,
             lost_scans: 0,
         })
     }
@@ -178,7 +182,9 @@ impl<'m> LaserOdometry<'m> {
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
         let map_from_robot = if first { self.map_from_robot } else { matched.map_from_robot };
         let is_trusted = !is_lost || self.lost_scans > self.config.recovery.patience_scans;
-        let is_key = first || (is_trusted && self.is_key(map_from_robot));
+        let is_settling = self.scans < u32::from(self.config.odometry.settling_scans);
+        self.scans = self.scans.saturating_add(1);
+        let is_key = is_settling || (is_trusted && self.is_key(map_from_robot));
         let dropped = if is_key { self.extend(map_from_robot, hits) } else { 0 };
         let step = self.map_from_robot.between(map_from_robot);
         self.velocity = if is_lost || step.heading.abs() > 0.5 { Pose2::IDENTITY } else { step };

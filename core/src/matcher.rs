@@ -12,7 +12,7 @@ use rand_core::Rng;
 use crate::de::{self, Bounds, DeConfig, Member};
 use crate::geometry::{Point2, Pose2};
 use crate::math::{hypot, sin_cos, wrap_angle};
-use crate::ndt::NdtGrid;
+use crate::ndt::{Linearisation, NdtGrid};
 
 crate::config! {
     /// Box around the prediction in which a match is searched (thesis table 4.4), robot frame.
@@ -33,6 +33,8 @@ crate::config! {
     pub struct MatcherConfig {
         /// Newton steps that polish the result of the search; 0 takes DE's answer as it is, as the thesis does.
         newton_steps: u16 = 12, in 0..=100;
+        /// Candidates of the search that are polished, best first, each apart from the others.
+        newton_starts: u16 = 3, in 1..=8;
         /// Spread of the prediction's error per scan along and across, m: how far the robot is expected to depart from its
         /// predicted motion. Counts against distant matches. 0 switches it off, as the thesis does.
         prior_position_m: f32 = 0.15, in 0.0..=100.0;
@@ -156,12 +158,20 @@ impl<'m> ScanMatcher<'m> {
         prediction: &Prediction,
         rng: &mut impl Rng,
     ) -> Match {
-        let near = objective.climb(prediction.map_from_robot, self.config.newton_steps);
+        let steps = self.config.newton_steps;
+        let near = objective.climb(prediction.map_from_robot, steps);
         let outcome = self.search_box(search, de, objective, prediction, near.pose, rng);
         let [forward, lateral, rotation] = outcome.best.genes;
         let found = prediction.map_from_robot * Pose2::new(forward, lateral, rotation);
-        let found = objective.climb(found, self.config.newton_steps);
-        let best = if self.config.newton_steps > 0 && near.value > found.value { near } else { found };
+        let mut best = Summit { pose: found, value: f32::NEG_INFINITY };
+        if steps > 0 {
+            best = if near.value > best.value { near } else { best };
+            for start in candidates(self.population, outcome.population, self.config.newton_starts) {
+                let [forward, lateral, rotation] = start;
+                let summit = objective.climb(prediction.map_from_robot * Pose2::new(forward, lateral, rotation), steps);
+                best = if summit.value > best.value { summit } else { best };
+            }
+        }
         let settled = self.settle(objective, best.pose);
         self.report(objective, prediction, settled, &outcome)
     }
@@ -253,6 +263,24 @@ impl<'m> ScanMatcher<'m> {
     }
 }
 
+/// The best `count` members of a population that lie apart from one another, best first.
+fn candidates(population: &[Member<3>], size: usize, count: u16) -> heapless::Vec<[f32; 3], 8> {
+    let mut chosen = heapless::Vec::<[f32; 3], 8>::new();
+    for _ in 0..count {
+        let apart = |member: &&Member<3>| chosen.iter().all(|other| is_apart(&member.genes, other));
+        let best = population.iter().take(size).filter(apart).min_by(|a, b| a.fitness.total_cmp(&b.fitness));
+        // There is room for the eight that the configuration allows.
+        let Some(Ok(())) = best.map(|member| chosen.push(member.genes)) else { break };
+    }
+    chosen
+}
+
+/// Too far apart for Newton's method to climb to the same optimum as a matter of course.
+fn is_apart(a: &[f32; 3], b: &[f32; 3]) -> bool {
+    let ([ax, ay, ah], [bx, by, bh]) = (a, b);
+    hypot(ax - bx, ay - by) > 0.05 || (ah - bh).abs() > 0.01
+}
+
 /// Inverse of the information, or a large diagonal where there is none.
 fn covariance(information: &Matrix3<f32>) -> Matrix3<f32> {
     let guarded = information + Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-4));
@@ -305,7 +333,7 @@ impl Objective<'_, '_> {
         self.ndt.search_score(self.points, pose, at_least + penalty) - penalty
     }
 
-    /// Climbs to the local maximum near `start` by damped Gauss–Newton steps (Levenberg–Marquardt).
+    /// Climbs to the local maximum near `start` by damped Newton steps.
     fn climb(&self, start: Pose2, steps: u16) -> Summit {
         let mut pose = start;
         let mut damping = 1e-3_f32;
@@ -317,10 +345,7 @@ impl Objective<'_, '_> {
         for _ in 0..steps {
             let weights = Vector3::new(self.prior.position, self.prior.position, self.prior.heading);
             let gradient = at.gradient - weights.component_mul(&self.prior.departure(pose));
-            let curvature = at.information + Matrix3::from_diagonal(&weights);
-            let damped =
-                curvature + Matrix3::from_diagonal(&(curvature.diagonal() * damping)) + Matrix3::identity() * 1e-6;
-            let Some(step) = damped.try_inverse().map(|inverse| inverse * gradient) else { break };
+            let Some(step) = newton_step(&at, &weights, &gradient, damping) else { break };
             let next = Pose2::new(pose.x + step.x, pose.y + step.y, pose.heading + step.z);
             let there = self.ndt.linearise(self.points, next);
             let next_value = there.score - self.prior.penalty(next);
@@ -336,6 +361,22 @@ impl Objective<'_, '_> {
         }
         Summit { pose, value }
     }
+}
+
+/// Newton's step up the hill, with the Gauss–Newton matrix where the true one does not curve downwards all round.
+fn newton_step(
+    at: &Linearisation,
+    prior: &Vector3<f32>,
+    gradient: &Vector3<f32>,
+    damping: f32,
+) -> Option<Vector3<f32>> {
+    let damped = |curvature: &Matrix3<f32>| {
+        let curvature = curvature + Matrix3::from_diagonal(prior);
+        let diagonal = curvature.diagonal() * damping + Vector3::repeat(1e-6);
+        curvature + Matrix3::from_diagonal(&diagonal)
+    };
+    let factors = damped(&at.hessian).cholesky().or_else(|| damped(&at.information).cholesky())?;
+    Some(factors.solve(gradient))
 }
 
 /// Where a climb ended.

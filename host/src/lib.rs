@@ -8,6 +8,7 @@
 pub mod cli;
 pub mod config;
 pub mod evaluation;
+pub mod experiment;
 pub mod log;
 pub mod map_io;
 pub mod mapper;

@@ -5,6 +5,7 @@
 
 mod config;
 mod eval;
+mod experiment;
 mod map;
 mod summary;
 
@@ -29,6 +30,7 @@ enum Command {
     Map(map::MapArgs),
     Eval(eval::EvalArgs),
     Config(config::ConfigArgs),
+    Experiment(experiment::ExperimentArgs),
 }
 
 /// Why a command did not end well.
@@ -64,6 +66,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Map(args) => map::run(args),
         Command::Eval(args) => eval::run(args),
         Command::Config(args) => config::run(args),
+        Command::Experiment(args) => experiment::run(args),
     };
     let (error, code) = match done {
         Ok(()) => return ExitCode::SUCCESS,
@@ -71,8 +74,17 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(Failure::Work(error)) => (error, 1),
     };
     // With stderr closed too there is nobody left to tell.
-    let _ = writeln!(io::stderr(), "lrfslam: {error:#}");
+    let _ = writeln!(io::stderr(), "lrfslam: {}", in_one_line(&error));
     ExitCode::from(code)
+}
+
+/// The error and its causes, but no cause that an outer message has quoted already.
+fn in_one_line(error: &anyhow::Error) -> String {
+    error.chain().fold(String::new(), |text, cause| match cause.to_string() {
+        cause if text.contains(&cause) => text,
+        cause if text.is_empty() => cause,
+        cause => format!("{text}: {cause}"),
+    })
 }
 
 /// Writes `text` to stdout; a reader that has gone away is no fault.
