@@ -6,7 +6,7 @@
 //!
 //! # Layers
 //! A module uses only what stands to its left:
-//! `math, time, config | geometry | scan, filter | ndt, de | matcher | laser_odometry`.
+//! `math, time, config | geometry | scan, filter | ndt, de, lrf | matcher | laser_odometry`.
 //!
 //! # Data flow
 //! [`RangeScan`](scan::RangeScan) (polar) → [`filter`] → points → [`ScanMatcher`](matcher::ScanMatcher) against an
@@ -38,8 +38,13 @@
     )
 )]
 
+#[cfg(test)]
+#[macro_use]
+extern crate std;
+
 pub mod config;
 pub mod geometry;
+pub mod lrf;
 pub mod math;
 pub mod scan;
 pub mod time;
