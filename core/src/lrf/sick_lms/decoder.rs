@@ -25,6 +25,8 @@ pub struct TelegramDecoder<'a> {
     len: usize,
     /// Bytes at the front that were handed out and are to be dropped.
     used: usize,
+    /// Nothing whole was found since something broken was.
+    lost: bool,
     damaged: u32,
 }
 
@@ -38,7 +40,7 @@ enum Step {
 impl<'a> TelegramDecoder<'a> {
     /// A decoder for telegrams of `direction`; longer ones than `buffer` are not found: see [`telegram::MAX_TELEGRAM`].
     pub fn new(direction: Direction, buffer: &'a mut [u8]) -> Self {
-        Self { buffer, direction, len: 0, used: 0, damaged: 0 }
+        Self { buffer, direction, len: 0, used: 0, lost: false, damaged: 0 }
     }
 
     /// Takes bytes up to the next event: how many were taken, and the event. Call again with the rest until nothing is left
@@ -53,6 +55,7 @@ impl<'a> TelegramDecoder<'a> {
                 Step::Nak => return (taken, Some(DecoderEvent::Nak)),
                 Step::Telegram(length) => {
                     self.used = length;
+                    self.lost = false;
                     let whole = self.buffer.get(..length).unwrap_or(b"");
                     return (taken, Some(DecoderEvent::Telegram(telegram::payload(whole))));
                 }
@@ -72,7 +75,7 @@ impl<'a> TelegramDecoder<'a> {
     /// bytes).
     pub fn abandon(&mut self) {
         if self.used == 0 && self.len > 0 {
-            self.damaged = self.damaged.saturating_add(1);
+            self.count_damage();
             self.drop_front(1);
         }
     }
@@ -87,8 +90,7 @@ impl<'a> TelegramDecoder<'a> {
         self.len > self.used
     }
 
-    /// Starts of telegrams that turned out damaged, so far; garbage can look like one, so this counts a little more than
-    /// telegrams.
+    /// Times that a telegram, or what looked like one, turned out damaged after one that was whole.
     pub fn damaged(&self) -> u32 {
         self.damaged
     }
@@ -113,11 +115,20 @@ impl<'a> TelegramDecoder<'a> {
                 Head::Whole(length) => return Step::Telegram(length),
                 Head::Partial if self.len < self.buffer.len() => return Step::NeedMore,
                 Head::Partial | Head::No => {
-                    self.damaged = self.damaged.saturating_add(u32::from(self.len > telegram::OVERHEAD));
+                    if self.len > telegram::OVERHEAD {
+                        self.count_damage();
+                    }
                     self.drop_front(self.next_start());
                 }
             }
         }
+    }
+
+    fn count_damage(&mut self) {
+        if !self.lost {
+            self.damaged = self.damaged.saturating_add(1);
+        }
+        self.lost = true;
     }
 
     /// Distance to the next byte that can begin anything.
