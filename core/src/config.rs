@@ -68,6 +68,11 @@ macro_rules! numbers {
 }
 numbers!(u8, u16, u32, u64, f32, bool);
 
+/// `words` as a fixed-capacity text; empty if too long.
+pub fn text(words: &str) -> heapless::String<96> {
+    heapless::String::try_from(words).unwrap_or_default()
+}
+
 /// Text of bounds: `4 to 512`; the first argument only lends its type to literals.
 pub fn describe_bounds<const N: usize, T: ConfigValue>(
     _typed: &T,
@@ -95,7 +100,7 @@ pub fn check_bounds<T: ConfigValue + PartialOrd>(
     Err(ConfigError { field, value: text, expected: describe_bounds(value, bounds) })
 }
 
-/// Declares a configuration section; see the [module](crate::config).
+/// Declares a configuration section; see the [module](mod@crate::config).
 ///
 /// A field reads `name: type = default, in low..=high;`, the bounds being optional.
 #[macro_export]
@@ -130,9 +135,9 @@ macro_rules! config {
             fn visit(&self, visit: &mut dyn FnMut(&$crate::config::Field<'_>)) {
                 $(
                     #[allow(unused_mut, unused_assignments)]
-                    let mut expected = heapless::String::try_from(
+                    let mut expected = $crate::config::text(
                         $crate::config::ConfigValue::choices(&self.$field)
-                    ).unwrap_or_default();
+                    );
                     $( expected = $crate::config::describe_bounds(&self.$field, &($bounds)); )?
                     visit(&$crate::config::Field {
                         name: stringify!($field),

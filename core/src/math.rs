@@ -6,6 +6,9 @@
 
 use core::f32::consts::{FRAC_2_PI, LOG2_E, PI};
 
+/// 1.5 × 2²³: adding it rounds to an integer, which then stands in the low bits.
+const ROUNDER: f32 = 12_582_912.0;
+
 /// π/2 split in three `f32` parts whose products with small integers are exact (Cody & Waite 1980).
 const HALF_PI_PARTS: [f32; 3] = [1.570_312_5, 4.837_513e-4, 7.549_79e-8];
 
@@ -28,6 +31,14 @@ pub fn sin_cos(angle: f32) -> (f32, f32) {
     }
 }
 
+/// Largest integer not above `x`, for |x| < 2²² (an integer may give itself or the one below).
+///
+/// No conversion and no branch, so that loops of it vectorise.
+#[inline(always)]
+pub fn floor(x: f32) -> i32 {
+    ((x - 0.5 + ROUNDER).to_bits() as i32).wrapping_sub(ROUNDER.to_bits() as i32)
+}
+
 /// Nearest integer, ties away from zero; saturates, NaN gives 0.
 fn round_to_int(x: f32) -> i32 {
     (if x < 0.0 { x - 0.5 } else { x + 0.5 }) as i32
@@ -44,10 +55,10 @@ pub fn exp_neg(x: f32) -> f32 {
 /// Split into integer and fraction in [−½, ½]; the polynomial is the Taylor series of 2^f to the sixth order.
 #[inline]
 pub fn exp2_neg(x: f32) -> f32 {
-    let inside = if x >= -125.0 { x } else { -125.0 };
+    let inside = if x > -125.0 { x } else { -125.0 };
     let inside = if inside < 0.0 { inside } else { 0.0 };
-    let whole = (inside - 0.5) as i32;
-    let f = inside - whole as f32;
+    let rounded = inside + ROUNDER;
+    let f = inside - (rounded - ROUNDER);
     let p = 1.540_353e-4;
     let p = p * f + 1.333_355_8e-3;
     let p = p * f + 9.618_129e-3;
@@ -55,7 +66,7 @@ pub fn exp2_neg(x: f32) -> f32 {
     let p = p * f + 2.402_265e-1;
     let p = p * f + core::f32::consts::LN_2;
     let p = p * f + 1.0;
-    let scale = f32::from_bits(((whole + 127) as u32) << 23);
+    let scale = f32::from_bits(rounded.to_bits().wrapping_add(127) << 23);
     if x >= -125.0 { p * scale } else { 0.0 }
 }
 

@@ -1,2 +1,21 @@
 //! Laser SLAM on a computer: logs in, maps and trajectories out.
+//!
+//! # Data flow
+//! [`log`] (scans of a recorded file) → mapper (poses) → [`trajectory`], [`occupancy_map`] → files; [`evaluation`]
+//! compares a trajectory with ground truth.
 #![forbid(unsafe_code)]
+
+pub mod cli;
+pub mod config;
+pub mod evaluation;
+pub mod log;
+pub mod map_io;
+pub mod mapper;
+pub mod occupancy_map;
+pub mod output;
+pub mod picture;
+pub mod pose_f64;
+pub mod run_report;
+pub mod table;
+pub mod text_input;
+pub mod trajectory;

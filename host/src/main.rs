@@ -1,2 +1,6 @@
 //! The command `lrfslam`.
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    lrfslam_host::cli::run(std::env::args_os())
+}

@@ -1,0 +1,245 @@
+//! Laser odometry: scan after scan is matched, and the matches give the robot's path without any odometry.
+//!
+//! filter → predict (constant velocity, or odometry) → match against the reference → extend the reference. The
+//! reference is the previous scan (the thesis), the recent key scans together, or the whole map so far.
+
+use rand_core::Rng;
+
+use crate::de::{DeConfig, Member};
+use crate::filter::{self, FilterConfig, PointCapacityError};
+use crate::geometry::{Point2, Pose2};
+use crate::matcher::{Match, MatcherConfig, Prediction, RecoveryConfig, ScanMatcher, SearchConfig};
+use crate::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtMemoryError, NdtTile};
+use crate::scan::RangeScan;
+
+crate::config_choice! {
+    /// What a scan is matched against.
+    pub enum Reference {
+        /// The previous scan alone (the thesis).
+        PreviousScan = "previous-scan",
+        /// The last key scans together.
+        RecentScans = "recent-scans",
+        /// Everything seen so far.
+        WholeMap = "whole-map",
+    }
+    choices "\"previous-scan\", \"recent-scans\" or \"whole-map\""
+}
+
+crate::config! {
+    /// Laser odometry.
+    pub struct OdometryConfig {
+        /// What a scan is matched against. The thesis: "previous-scan".
+        reference: Reference = Reference::WholeMap;
+        /// Key scans kept with "recent-scans".
+        recent_scans: u16 = 10, in 1..=1000;
+        /// The reference is extended after this much travel, m; 0: by every scan, as the thesis does.
+        key_distance_m: f32 = 0.05, in 0.0..=10.0;
+        /// … or this much rotation, degrees.
+        key_rotation_deg: f32 = 2.0, in 0.0..=180.0;
+    }
+}
+
+/// The configuration of laser odometry with all its parts.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LaserOdometryConfig {
+    /// Scan filter.
+    pub filter: FilterConfig,
+    /// Reference cells.
+    pub ndt: NdtConfig,
+    /// Search box.
+    pub search: SearchConfig,
+    /// Search effort.
+    pub de: DeConfig,
+    /// Matcher.
+    pub matcher: MatcherConfig,
+    /// Pipeline.
+    pub odometry: OdometryConfig,
+    /// When lost.
+    pub recovery: RecoveryConfig,
+}
+
+/// Memory that [`LaserOdometry`] works in, lent by the caller.
+#[derive(Debug)]
+pub struct OdometryMemory<'m> {
+    /// See [`NdtGrid::new`].
+    pub directory: &'m mut [DirectoryEntry],
+    /// See [`NdtGrid::new`].
+    pub tiles: &'m mut [NdtTile],
+    /// DE's population.
+    pub population: &'m mut [Member<3>],
+    /// Points of one filtered scan.
+    pub points: &'m mut [Point2],
+    /// Hits of one scan.
+    pub hits: &'m mut [Point2],
+    /// Key scans to be removed again: any number of scans, each as long as `points`. Unused with the whole map.
+    pub key_points: &'m mut [Point2],
+    /// One for each of these scans.
+    pub key_scans: &'m mut [KeyScan],
+}
+
+/// A scan in the reference that will be removed again.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct KeyScan {
+    map_from_robot: Pose2,
+    count: usize,
+}
+
+/// What one step did.
+#[derive(Debug, Clone, Copy)]
+pub struct StepReport {
+    /// The match; its pose is where the robot is now.
+    pub matched: Match,
+    /// Where it was expected.
+    pub predicted: Pose2,
+    /// Points after the filter.
+    pub points: usize,
+    /// True if this scan went into the reference.
+    pub is_key: bool,
+    /// True if the scan agrees too little with the reference for the pose to be believed.
+    pub is_lost: bool,
+    /// Points that the full pool could not take.
+    pub dropped: u32,
+}
+
+/// Tracks a robot by its laser alone; see the [module](self).
+#[derive(Debug)]
+pub struct LaserOdometry<'m> {
+    config: LaserOdometryConfig,
+    robot_from_lrf: Pose2,
+    ndt: NdtGrid<'m>,
+    matcher: ScanMatcher<'m>,
+    points: &'m mut [Point2],
+    hits: &'m mut [Point2],
+    key_points: &'m mut [Point2],
+    key_scans: &'m mut [KeyScan],
+    key_count: usize,
+    map_from_robot: Pose2,
+    map_from_key: Pose2,
+    velocity: Pose2,
+    score_per_point: f32,
+    lost_scans: u16,
+}
+
+impl<'m> LaserOdometry<'m> {
+    /// A robot at the map's origin that has seen nothing yet.
+    ///
+    /// # Errors
+    /// [`NdtMemoryError`] if the directory or the pool is not of the right form.
+    pub fn new(
+        config: &LaserOdometryConfig,
+        robot_from_lrf: Pose2,
+        memory: OdometryMemory<'m>,
+    ) -> Result<Self, NdtMemoryError> {
+        Ok(Self {
+            config: *config,
+            robot_from_lrf,
+            ndt: NdtGrid::new(&config.ndt, memory.directory, memory.tiles)?,
+            matcher: ScanMatcher::new(&config.search, &config.de, &config.matcher, memory.population),
+            points: memory.points,
+            hits: memory.hits,
+            key_points: memory.key_points,
+            key_scans: memory.key_scans,
+            key_count: 0,
+            map_from_robot: Pose2::IDENTITY,
+            map_from_key: Pose2::IDENTITY,
+            velocity: Pose2::IDENTITY,
+            score_per_point: 0.5,
+            lost_scans: 0,
+        })
+    }
+
+    /// Where the robot is.
+    pub fn map_from_robot(&self) -> Pose2 {
+        self.map_from_robot
+    }
+
+    /// The reference.
+    pub fn ndt(&self) -> &NdtGrid<'m> {
+        &self.ndt
+    }
+
+    /// Matches the next scan.
+    ///
+    /// * `displacement` — the robot's displacement since the last scan by odometry, if there is any; else the last
+    ///   displacement is expected to repeat
+    ///
+    /// # Errors
+    /// [`PointCapacityError`] if the scan has more points than the memory lent; nothing has changed then.
+    pub fn step(
+        &mut self,
+        scan: &RangeScan<'_>,
+        displacement: Option<Pose2>,
+        rng: &mut impl Rng,
+    ) -> Result<StepReport, PointCapacityError> {
+        let count = filter::filter(&self.config.filter, scan, self.robot_from_lrf, self.points)?.len();
+        let raw = FilterConfig { radius_m: 0.0 };
+        let hits = filter::filter(&raw, scan, self.robot_from_lrf, self.hits)?.len();
+        let predicted = self.map_from_robot * displacement.unwrap_or(self.velocity);
+        let first = self.ndt.tiles_used() == 0;
+        let prediction = Prediction { map_from_robot: predicted, score_expected: self.score_per_point * count as f32 };
+        let matched = self.find(count, &prediction, rng);
+        let is_lost = !first && matched.score_per_point < self.config.recovery.lost_share * self.score_per_point;
+        self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
+        let map_from_robot = if first { self.map_from_robot } else { matched.map_from_robot };
+        let is_trusted = !is_lost || self.lost_scans > self.config.recovery.patience_scans;
+        let is_key = first || (is_trusted && self.is_key(map_from_robot));
+        let dropped = if is_key { self.extend(map_from_robot, hits) } else { 0 };
+        let step = self.map_from_robot.between(map_from_robot);
+        self.velocity = if is_lost || step.heading.abs() > 0.5 { Pose2::IDENTITY } else { step };
+        self.map_from_robot = map_from_robot;
+        if !first && is_trusted {
+            self.score_per_point += 0.1 * (matched.score_per_point - self.score_per_point);
+        }
+        Ok(StepReport {
+            matched: Match { map_from_robot, ..matched },
+            predicted,
+            points: count,
+            is_key,
+            is_lost,
+            dropped,
+        })
+    }
+
+    /// Matches the current points, with a wider search if the robot is not where it was expected.
+    fn find(&mut self, count: usize, prediction: &Prediction, rng: &mut impl Rng) -> Match {
+        let points = self.points.get(..count).unwrap_or_default();
+        let matched = self.matcher.align(&self.ndt, points, prediction, rng);
+        if matched.score_per_point >= self.config.recovery.lost_share * self.score_per_point {
+            return matched;
+        }
+        let wide = self.matcher.align_anywhere(&self.ndt, points, prediction, &self.config.recovery, rng);
+        if wide.score > 1.2 * matched.score { wide } else { matched }
+    }
+
+    fn is_key(&self, map_from_robot: Pose2) -> bool {
+        let step = self.map_from_key.between(map_from_robot);
+        step.position().norm() >= self.config.odometry.key_distance_m
+            || step.heading.abs() >= self.config.odometry.key_rotation_deg.to_radians()
+    }
+
+    /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.
+    fn extend(&mut self, map_from_robot: Pose2, count: usize) -> u32 {
+        self.map_from_key = map_from_robot;
+        let Self { ndt, hits: points, key_points, key_scans, .. } = self;
+        let points = points.get(..count).unwrap_or_default();
+        let kept = match self.config.odometry.reference {
+            Reference::WholeMap => 0,
+            Reference::PreviousScan => 1,
+            Reference::RecentScans => usize::from(self.config.odometry.recent_scans),
+        };
+        let slots = kept.min(key_scans.len());
+        if slots > 0 {
+            let slot = self.key_count % slots;
+            self.key_count += 1;
+            let room = key_points.len() / key_scans.len();
+            if let (Some(key), Some(memory)) = (key_scans.get_mut(slot), key_points.chunks_mut(room.max(1)).nth(slot)) {
+                ndt.remove(memory.get(..key.count).unwrap_or_default(), key.map_from_robot);
+                *key = KeyScan { map_from_robot, count: count.min(memory.len()) };
+                for (to, from) in memory.iter_mut().zip(points) {
+                    *to = *from;
+                }
+            }
+        }
+        ndt.insert(points, map_from_robot).dropped
+    }
+}

@@ -1,0 +1,320 @@
+//! Scan matching: the pose at which a scan agrees best with an NDT, found by differential evolution (thesis §4.4.1).
+//!
+//! Prediction → local optimum near it → DE over the whole search box, starting from both → polished by Newton steps →
+//! [`Match`] with score, covariance and the axis that the scene leaves undetermined.
+//!
+//! Everything is in the robot's frame: points come with the mounting of the laser already applied, so that the result
+//! is the robot's displacement and not the laser's (thesis §4.4 warns of the difference).
+
+use nalgebra::{Matrix3, Vector3};
+use rand_core::Rng;
+
+use crate::de::{self, Bounds, DeConfig, Member};
+use crate::geometry::{Point2, Pose2};
+use crate::math::{hypot, sin_cos, wrap_angle};
+use crate::ndt::NdtGrid;
+
+crate::config! {
+    /// Box around the prediction in which a match is searched (thesis table 4.4), robot frame.
+    pub struct SearchConfig {
+        /// Backward, m. Thesis table 4.4: 0.50.
+        backward_m: f32 = 0.5, in 0.0..=10.0;
+        /// Forward, m. Thesis table 4.4: 1.00.
+        forward_m: f32 = 1.0, in 0.0..=10.0;
+        /// To each side, m. Thesis table 4.4: 0.25.
+        lateral_m: f32 = 0.25, in 0.0..=10.0;
+        /// To each side, degrees. Thesis table 4.4: 20.
+        rotation_deg: f32 = 20.0, in 0.0..=180.0;
+    }
+}
+
+crate::config! {
+    /// Scan matcher.
+    pub struct MatcherConfig {
+        /// Newton steps that polish the result of the search; 0 takes DE's answer as it is, as the thesis does.
+        newton_steps: u16 = 12, in 0..=100;
+        /// Spread of the prediction's error per scan along and across, m: how far the robot is expected to depart from its
+        /// predicted motion. Counts against distant matches. 0 switches it off, as the thesis does.
+        prior_position_m: f32 = 0.15, in 0.0..=100.0;
+        /// The same for the heading, degrees.
+        prior_heading_deg: f32 = 10.0, in 0.0..=360.0;
+        /// An axis about which the matched points say less than this share is reported as undetermined (0.5: all directions alike).
+        undetermined_share: f32 = 0.03, in 0.0..=0.5;
+    }
+}
+
+crate::config! {
+    /// What is done when a scan agrees with the reference much less than the scans before it.
+    pub struct RecoveryConfig {
+        /// A score per point below this share of the usual one means that the robot is not where it was expected. 0 switches
+        /// recovery off, as the thesis does.
+        lost_share: f32 = 0.5, in 0.0..=1.0;
+        /// Then this much is searched in every direction, m.
+        distance_m: f32 = 2.0, in 0.0..=10.0;
+        /// And this much to each side, degrees.
+        rotation_deg: f32 = 100.0, in 0.0..=180.0;
+        /// With this population.
+        population: u16 = 300, in 4..=1000;
+        /// And as many generations.
+        generations: u16 = 60, in 1..=1000;
+        /// While lost the reference is left alone, for this many scans at most.
+        patience_scans: u16 = 10, in 0..=10000;
+    }
+}
+
+/// Where a scan was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Match {
+    /// Pose of the robot at which the scan agrees best with the reference.
+    pub map_from_robot: Pose2,
+    /// Eq. (4.42) there: 0 to the number of points.
+    pub score: f32,
+    /// Score per point, 0 to 1.
+    pub score_per_point: f32,
+    /// A − score, eq. (4.43).
+    pub fitness: f32,
+    /// Generations that DE used.
+    pub generations: u16,
+    /// True if the fitness fell below DE's `stop_fitness`.
+    pub converged: bool,
+    /// Covariance of (x, y, heading), map frame; m², m rad, rad².
+    pub covariance: Matrix3<f32>,
+    /// Direction in the map (unit vector) about which the scene says nothing, e.g. along a featureless corridor.
+    pub undetermined: Option<Point2>,
+}
+
+/// What a scan is matched from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prediction {
+    /// Where the robot is expected.
+    pub map_from_robot: Pose2,
+    /// A of eq. (4.43): the score that a perfect match of this many points would reach.
+    pub score_expected: f32,
+}
+
+/// Matches scans; see the [module](self).
+#[derive(Debug)]
+pub struct ScanMatcher<'m> {
+    search: SearchConfig,
+    de: DeConfig,
+    config: MatcherConfig,
+    population: &'m mut [Member<3>],
+}
+
+impl<'m> ScanMatcher<'m> {
+    /// `population` is the memory for DE: `de.population` members, or fewer if that is all there is.
+    pub fn new(search: &SearchConfig, de: &DeConfig, config: &MatcherConfig, population: &'m mut [Member<3>]) -> Self {
+        Self { search: *search, de: *de, config: *config, population }
+    }
+
+    /// Finds `points` (robot frame) in `ndt`, in the box of table 4.4 about the prediction.
+    pub fn align(
+        &mut self,
+        ndt: &NdtGrid<'_>,
+        points: &[Point2],
+        prediction: &Prediction,
+        rng: &mut impl Rng,
+    ) -> Match {
+        let prior = Prior::new(&self.config, prediction.map_from_robot);
+        let (search, de) = (self.search, self.de);
+        self.search_and_polish(&search, &de, &Objective { ndt, points, prior }, prediction, rng)
+    }
+
+    /// Finds `points` in a wider box and without preferring the prediction: for a robot that is not where it was expected.
+    pub fn align_anywhere(
+        &mut self,
+        ndt: &NdtGrid<'_>,
+        points: &[Point2],
+        prediction: &Prediction,
+        recovery: &RecoveryConfig,
+        rng: &mut impl Rng,
+    ) -> Match {
+        let prior = Prior { predicted: prediction.map_from_robot, position: 0.0, heading: 0.0 };
+        let distance_m = recovery.distance_m;
+        let search = SearchConfig {
+            backward_m: distance_m,
+            forward_m: distance_m,
+            lateral_m: distance_m,
+            rotation_deg: recovery.rotation_deg,
+        };
+        let de = DeConfig { population: recovery.population, generations: recovery.generations, ..self.de };
+        self.search_and_polish(&search, &de, &Objective { ndt, points, prior }, prediction, rng)
+    }
+
+    /// Local optimum near the prediction, the best of the box, and of these two, polished, the better one.
+    fn search_and_polish(
+        &mut self,
+        search: &SearchConfig,
+        de: &DeConfig,
+        objective: &Objective<'_, '_>,
+        prediction: &Prediction,
+        rng: &mut impl Rng,
+    ) -> Match {
+        let near = objective.climb(prediction.map_from_robot, self.config.newton_steps);
+        let outcome = self.search_box(search, de, objective, prediction, near.pose, rng);
+        let [forward, lateral, rotation] = outcome.best.genes;
+        let found = prediction.map_from_robot * Pose2::new(forward, lateral, rotation);
+        let found = objective.climb(found, self.config.newton_steps);
+        let best = if self.config.newton_steps > 0 && near.value > found.value { near } else { found };
+        self.report(objective, prediction, best.pose, &outcome)
+    }
+
+    /// Newton from the prediction alone, without the search: what scan matching is without DE.
+    pub fn align_locally(&self, ndt: &NdtGrid<'_>, points: &[Point2], prediction: &Prediction) -> Pose2 {
+        let prior = Prior::new(&self.config, prediction.map_from_robot);
+        Objective { ndt, points, prior }.climb(prediction.map_from_robot, 50).pose
+    }
+
+    /// DE over the box of table 4.4, in the robot's frame about the prediction.
+    fn search_box(
+        &mut self,
+        search: &SearchConfig,
+        de: &DeConfig,
+        objective: &Objective<'_, '_>,
+        prediction: &Prediction,
+        near: Pose2,
+        rng: &mut impl Rng,
+    ) -> de::Outcome<3> {
+        let rotation = search.rotation_deg.to_radians();
+        let bounds = Bounds {
+            low: [-search.backward_m, -search.lateral_m, -rotation],
+            high: [search.forward_m, search.lateral_m, rotation],
+        };
+        let step = prediction.map_from_robot.between(near);
+        let mut start = [step.x, step.y, step.heading];
+        for (gene, (low, high)) in start.iter_mut().zip(bounds.low.iter().zip(&bounds.high)) {
+            *gene = gene.clamp(*low, *high);
+        }
+        let expected = prediction.score_expected;
+        de::minimise(de, &bounds, start, self.population, rng, |genes, limit| {
+            let [forward, lateral, rotation] = *genes;
+            let pose = prediction.map_from_robot * Pose2 { x: forward, y: lateral, heading: rotation };
+            expected - objective.value(pose, expected - limit)
+        })
+    }
+
+    fn report(
+        &self,
+        objective: &Objective<'_, '_>,
+        prediction: &Prediction,
+        pose: Pose2,
+        outcome: &de::Outcome<3>,
+    ) -> Match {
+        let at = objective.ndt.linearise(objective.points, pose);
+        let count = objective.points.len().max(1) as f32;
+        Match {
+            map_from_robot: pose,
+            score: at.score,
+            score_per_point: at.score / count,
+            fitness: prediction.score_expected - at.score,
+            generations: outcome.generations,
+            converged: outcome.converged,
+            covariance: covariance(&at.information),
+            undetermined: self.undetermined_axis(objective, pose),
+        }
+    }
+
+    fn undetermined_axis(&self, objective: &Objective<'_, '_>, pose: Pose2) -> Option<Point2> {
+        let [xx, xy, yy] = objective.ndt.constraint(objective.points, pose);
+        let radius = hypot(0.5 * (xx - yy), xy);
+        let smallest = 0.5 * (xx + yy) - radius;
+        if smallest >= self.config.undetermined_share {
+            return None;
+        }
+        // The eigenvector of the larger eigenvalue is at half the angle of (xx − yy, 2 xy); ours stands across it.
+        let (sin, cos) = sin_cos(0.5 * libm::atan2f(2.0 * xy, xx - yy));
+        Some(Point2::new(-sin, cos))
+    }
+}
+
+/// Inverse of the information, or a large diagonal where there is none.
+fn covariance(information: &Matrix3<f32>) -> Matrix3<f32> {
+    let guarded = information + Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-4));
+    guarded.try_inverse().unwrap_or_else(|| Matrix3::from_diagonal_element(1e4))
+}
+
+/// Penalty for departing from the predicted motion, ½ Σ (δ/σ)², in the robot's frame.
+struct Prior {
+    predicted: Pose2,
+    /// 1/σ² for position and heading.
+    position: f32,
+    heading: f32,
+}
+
+impl Prior {
+    fn new(config: &MatcherConfig, predicted: Pose2) -> Self {
+        let inverse_square = |sigma: f32| if sigma > 0.0 { 1.0 / (sigma * sigma) } else { 0.0 };
+        Self {
+            predicted,
+            position: inverse_square(config.prior_position_m),
+            heading: inverse_square(config.prior_heading_deg.to_radians()),
+        }
+    }
+
+    fn departure(&self, pose: Pose2) -> Vector3<f32> {
+        Vector3::new(
+            pose.x - self.predicted.x,
+            pose.y - self.predicted.y,
+            wrap_angle(pose.heading - self.predicted.heading),
+        )
+    }
+
+    fn penalty(&self, pose: Pose2) -> f32 {
+        let d = self.departure(pose);
+        0.5 * (self.position * (d.x * d.x + d.y * d.y) + self.heading * d.z * d.z)
+    }
+}
+
+/// What is maximised: score minus the prior's penalty.
+struct Objective<'a, 'm> {
+    ndt: &'a NdtGrid<'m>,
+    points: &'a [Point2],
+    prior: Prior,
+}
+
+impl Objective<'_, '_> {
+    /// Its value at `pose`, or some value below `at_least` if it is below that.
+    fn value(&self, pose: Pose2, at_least: f32) -> f32 {
+        let penalty = self.prior.penalty(pose);
+        self.ndt.search_score(self.points, pose, at_least + penalty) - penalty
+    }
+
+    /// Climbs to the local maximum near `start` by damped Gauss–Newton steps (Levenberg–Marquardt).
+    fn climb(&self, start: Pose2, steps: u16) -> Summit {
+        let mut pose = start;
+        let mut damping = 1e-3_f32;
+        if steps == 0 {
+            return Summit { pose, value: f32::NEG_INFINITY };
+        }
+        let mut at = self.ndt.linearise(self.points, pose);
+        let mut value = at.score - self.prior.penalty(pose);
+        for _ in 0..steps {
+            let weights = Vector3::new(self.prior.position, self.prior.position, self.prior.heading);
+            let gradient = at.gradient - weights.component_mul(&self.prior.departure(pose));
+            let curvature = at.information + Matrix3::from_diagonal(&weights);
+            let damped =
+                curvature + Matrix3::from_diagonal(&(curvature.diagonal() * damping)) + Matrix3::identity() * 1e-6;
+            let Some(step) = damped.try_inverse().map(|inverse| inverse * gradient) else { break };
+            let next = Pose2::new(pose.x + step.x, pose.y + step.y, pose.heading + step.z);
+            let there = self.ndt.linearise(self.points, next);
+            let next_value = there.score - self.prior.penalty(next);
+            if next_value > value {
+                (pose, at, value) = (next, there, next_value);
+                damping = (0.1 * damping).max(1e-5);
+            } else {
+                damping *= 10.0;
+            }
+            if step.x.abs() < 1e-4 && step.y.abs() < 1e-4 && step.z.abs() < 1e-5 {
+                break;
+            }
+        }
+        Summit { pose, value }
+    }
+}
+
+/// Where a climb ended.
+#[derive(Clone, Copy)]
+struct Summit {
+    pose: Pose2,
+    value: f32,
+}

@@ -1,0 +1,127 @@
+//! `lrfslam eval`: how far a trajectory is from the truth.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use lrfslam_core::time::Duration;
+
+use super::{Failure, print};
+use crate::evaluation::{RelationReport, Statistics, TruthReport, evaluate_relations, evaluate_truth, read_relations};
+use crate::trajectory::{TimedPose, read_trajectory};
+
+/// Judge a trajectory by relations between poses or by the true path.
+///
+/// TRAJECTORY is a TUM file (`t x y z qx qy qz qw`), as `lrfslam map` writes it. All files may be gzip.
+#[derive(Debug, Args)]
+pub(super) struct EvalArgs {
+    /// The trajectory to judge.
+    trajectory: PathBuf,
+    #[command(flatten)]
+    reference: Reference,
+    /// How far in time a pose may be from the reference's time, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.05, value_parser = seconds)]
+    tolerance: f64,
+    /// Length of the stretches over which the relative error is taken, m (with --truth).
+    #[arg(long, value_name = "METRES", default_value_t = 10.0, value_parser = metres)]
+    stretch: f64,
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+struct Reference {
+    /// True displacements: lines `t1 t2 x y z roll pitch yaw`.
+    #[arg(long, value_name = "FILE")]
+    relations: Option<PathBuf>,
+    /// The true path: TUM, or lines `t x y theta`.
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    within(text, 0.0, 3600.0)
+}
+
+fn metres(text: &str) -> Result<f64, String> {
+    within(text, 0.001, 1e6)
+}
+
+fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n| (low..=high).contains(n));
+    number.ok_or_else(|| format!("expected a number from {low} to {high}"))
+}
+
+pub(super) fn run(args: &EvalArgs) -> Result<(), Failure> {
+    let poses = read_trajectory(&args.trajectory).map_err(Failure::start)?;
+    let tolerance = Duration::from_micros((args.tolerance * 1e6).round() as i64);
+    let text = match (&args.reference.relations, &args.reference.truth) {
+        (Some(file), _) => by_relations(args, &poses, file, tolerance)?,
+        (None, Some(file)) => by_truth(args, &poses, file, tolerance)?,
+        (None, None) => return Err(Failure::start(anyhow::anyhow!("--relations or --truth is missing"))),
+    };
+    print(&text)
+}
+
+fn by_relations(args: &EvalArgs, poses: &[TimedPose], file: &Path, tolerance: Duration) -> Result<String, Failure> {
+    let relations = read_relations(file).map_err(Failure::start)?;
+    let report = evaluate_relations(poses, &relations, tolerance).map_err(Failure::start)?;
+    if args.json { json(&report) } else { Ok(relation_table(&report)) }
+}
+
+fn by_truth(args: &EvalArgs, poses: &[TimedPose], file: &Path, tolerance: Duration) -> Result<String, Failure> {
+    let truth = read_trajectory(file).map_err(Failure::start)?;
+    let report = evaluate_truth(poses, &truth, tolerance, args.stretch).map_err(Failure::start)?;
+    if args.json { json(&report) } else { Ok(truth_table(&report)) }
+}
+
+fn json(report: &impl serde::Serialize) -> Result<String, Failure> {
+    let text = serde_json::to_string_pretty(report).map_err(Failure::work)?;
+    Ok(text + "\n")
+}
+
+fn relation_table(report: &RelationReport) -> String {
+    let mut text = head("relation error");
+    row(&mut text, "translation, m", &report.translation_m);
+    row(&mut text, "rotation, deg", &report.rotation_deg);
+    let judged = report.translation_m.count;
+    let _ = writeln!(text, "\n{judged} of {} relations judged", report.relations);
+    if report.unmatched > 0 {
+        let _ = writeln!(text, "{} without a pose within {} s of both times", report.unmatched, report.tolerance_s);
+    }
+    if report.inexact_times > 0 {
+        let _ = writeln!(text, "{} by a pose that is only near in time", report.inexact_times);
+    }
+    let _ = writeln!(text, "{:.2} % above 0.10 m", 100.0 * report.share_above_10_cm);
+    let (from, to) = report.worst_at_s;
+    let _ = writeln!(text, "worst: {from:.6} to {to:.6} s");
+    text
+}
+
+fn truth_table(report: &TruthReport) -> String {
+    let mut text = head("error");
+    row(&mut text, "absolute, m", &report.absolute_m);
+    row(&mut text, "absolute, deg", &report.absolute_deg);
+    row(&mut text, "relative, m per m", &report.relative.translation_m_per_m);
+    row(&mut text, "relative, deg per m", &report.relative.rotation_deg_per_m);
+    let judged = report.absolute_m.count;
+    let _ = writeln!(text, "\nabsolute: {judged} of {} true poses, after rigid alignment", report.truth_poses);
+    if report.unmatched > 0 {
+        let _ = writeln!(text, "{} without a pose within {} s", report.unmatched, report.tolerance_s);
+    }
+    let stretches = report.relative.translation_m_per_m.count;
+    let _ = writeln!(text, "relative: {stretches} stretches of {} m of the true path", report.relative.stretch_m);
+    text
+}
+
+fn head(name: &str) -> String {
+    let columns = ["mean", "std", "rmse", "median", "max"].map(|c| format!("{c:>10}"));
+    format!("{name:<20}{}\n", columns.concat())
+}
+
+fn row(text: &mut String, name: &str, of: &Statistics) {
+    let values = [of.mean, of.std, of.rmse, of.median, of.max].map(|v| format!("{v:>10.4}"));
+    let _ = writeln!(text, "{name:<20}{}", values.concat());
+}

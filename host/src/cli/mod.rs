@@ -1,0 +1,87 @@
+//! The command line: raw arguments become checked ones in one place per sub-command, and every fault an exit code.
+//!
+//! 0: done. 1: a fault while working; results up to it are written, and said to be partial. 2: wrong usage, or input
+//! that is wrong from the start. A reader of our output that goes away (`| head`) is no fault.
+
+mod config;
+mod eval;
+mod map;
+mod summary;
+
+use std::ffi::OsString;
+use std::io::{self, ErrorKind, Write};
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Laser SLAM without odometry.
+///
+/// Turns a recorded laser log into a map and the robot's path.
+#[derive(Debug, Parser)]
+#[command(name = "lrfslam", version, about, max_term_width = 100, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Map(map::MapArgs),
+    Eval(eval::EvalArgs),
+    Config(config::ConfigArgs),
+}
+
+/// Why a command did not end well.
+#[derive(Debug)]
+enum Failure {
+    /// Wrong from the start: nothing was done.
+    Start(anyhow::Error),
+    /// On the way.
+    Work(anyhow::Error),
+}
+
+impl Failure {
+    fn start(error: impl Into<anyhow::Error>) -> Self {
+        Self::Start(error.into())
+    }
+
+    fn work(error: impl Into<anyhow::Error>) -> Self {
+        Self::Work(error.into())
+    }
+}
+
+/// Runs the program with `args` (the first is its name) and says how it ended.
+pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let cli = match Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version go to stdout with code 0, faults to stderr with code 2; a closed pipe is no fault.
+            let _ = error.print();
+            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+        }
+    };
+    let done = match &cli.command {
+        Command::Map(args) => map::run(args),
+        Command::Eval(args) => eval::run(args),
+        Command::Config(args) => config::run(args),
+    };
+    let (error, code) = match done {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Failure::Start(error)) => (error, 2),
+        Err(Failure::Work(error)) => (error, 1),
+    };
+    // With stderr closed too there is nobody left to tell.
+    let _ = writeln!(io::stderr(), "lrfslam: {error:#}");
+    ExitCode::from(code)
+}
+
+/// Writes `text` to stdout; a reader that has gone away is no fault.
+fn print(text: &str) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(Failure::work(anyhow::Error::new(error).context("standard output cannot be written")))
+        }
+        _ => Ok(()),
+    }
+}

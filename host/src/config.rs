@@ -1,0 +1,274 @@
+//! The whole configuration of a run: sections, each with its own numbers, read from TOML.
+//!
+//! Layers, later ones win: defaults < file < `--set section.key=value` < flags. Every section is declared with core's
+//! [`config!`](lrfslam_core::config!), which keeps default, bounds, unit and source of a number in one place; from there
+//! [`RunConfig::to_commented_toml`] prints a file ready to edit. Bounds are checked once, by [`RunConfig::validate`].
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use lrfslam_core::config::{ConfigError, Section};
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::time::Duration;
+use serde::{Deserialize, Serialize};
+
+use crate::log::LogOptions;
+use crate::occupancy_map::MapConfig;
+
+lrfslam_core::config! {
+    /// How the log is read.
+    pub struct LogConfig {
+        /// Ranges from here on mean "nothing seen", m; 0: as the log says or shows.
+        range_max_m: f32 = 0.0, in 0.0..=1000.0;
+        /// Angle over which the beams lie evenly, degrees; 0: as the log says, else by the number of beams.
+        field_of_view_deg: f32 = 0.0, in 0.0..=360.0;
+        /// From scan to scan in a log that has no times (DP-SLAM's), s.
+        untimed_scan_interval_s: f32 = 0.2, in 0.001..=60.0;
+    }
+}
+
+lrfslam_core::config! {
+    /// Where the laser sits on the robot: the path is the robot's, not the laser's.
+    pub struct MountingConfig {
+        /// Take it from the log's laser and robot poses, where there are any; the numbers below are for logs without.
+        from_log: bool = true;
+        /// Laser ahead of the robot's centre, m.
+        forward_m: f32 = 0.0, in -10.0..=10.0;
+        /// Laser to the left of the robot's centre, m.
+        left_m: f32 = 0.0, in -10.0..=10.0;
+        /// Direction of the laser, counter-clockwise from forward, degrees.
+        heading_deg: f32 = 0.0, in -180.0..=180.0;
+    }
+}
+
+/// Declares the sections of the configuration, in the order in which they are printed.
+macro_rules! run_config {
+    ($( $(#[doc = $doc:literal])* $name:ident : $section:ty, )*) => {
+        /// The configuration of a run.
+        #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+        #[serde(default, deny_unknown_fields)]
+        pub struct RunConfig {
+            $( $(#[doc = $doc])* pub $name: $section, )*
+        }
+
+        impl RunConfig {
+            /// Every section under its name.
+            pub fn sections(&self) -> Vec<(&'static str, &dyn Section)> {
+                vec![$( (stringify!($name), &self.$name as &dyn Section), )*]
+            }
+        }
+    };
+}
+
+// A further section is one line here: its name in the file, and its type.
+run_config! {
+    /// How the log is read.
+    log: LogConfig,
+    /// Where the laser sits on the robot.
+    mounting: MountingConfig,
+    /// How the map is drawn.
+    map: MapConfig,
+}
+
+/// What is wrong with a configuration.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RunConfigError {
+    /// The file cannot be read.
+    #[error("{file}: cannot be read: {source}")]
+    Read {
+        /// Name of the file, as given.
+        file: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is not TOML, or has a key or a kind of value that is not known here.
+    #[error("{file}: {message}")]
+    File {
+        /// Name of the file, as given.
+        file: String,
+        /// Line, key, and what was expected.
+        message: String,
+    },
+    /// An override is wrong.
+    #[error("--set {argument}: {message}")]
+    Override {
+        /// The argument.
+        argument: String,
+        /// What was expected.
+        message: String,
+    },
+    /// A value is out of its bounds.
+    #[error("configuration: {section}.{source}")]
+    Value {
+        /// Name of the section.
+        section: &'static str,
+        /// The field, its value and its bounds.
+        source: ConfigError,
+    },
+}
+
+impl RunConfig {
+    /// Defaults, then the file (if any), then the overrides `section.key=value`, checked.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, said with file and line, override, or section and field.
+    pub fn load(file: Option<&Path>, overrides: &[String]) -> Result<Self, RunConfigError> {
+        let mut config = file.map_or(Ok(Self::default()), Self::from_file)?;
+        for argument in overrides {
+            let wrong = |message| RunConfigError::Override { argument: argument.clone(), message };
+            config = config.with(argument).map_err(wrong)?;
+        }
+        config.validate()?;
+        Ok(config)
+    }
+
+    fn from_file(path: &Path) -> Result<Self, RunConfigError> {
+        let file = path.display().to_string();
+        let text = std::fs::read_to_string(path);
+        let text = text.map_err(|source| RunConfigError::Read { file: file.clone(), source })?;
+        toml::from_str(&text)
+            .map_err(|error| RunConfigError::File { file, message: error.to_string().trim_end().into() })
+    }
+
+    /// This configuration with one value replaced.
+    fn with(self, argument: &str) -> Result<Self, String> {
+        const FORM: &str = "expected section.key=value";
+        let (key, value) = argument.split_once('=').ok_or(FORM)?;
+        let (section, field) = key.trim().split_once('.').ok_or(FORM)?;
+        let mut tree = toml::Table::try_from(self).map_err(|error| error.to_string())?;
+        let names = tree.keys().cloned().collect::<Vec<_>>().join(", ");
+        let table = tree.get_mut(section).and_then(toml::Value::as_table_mut);
+        let table = table.ok_or_else(|| format!("there is no section `{section}`, expected one of {names}"))?;
+        table.insert(field.to_owned(), parse_value(value.trim()));
+        tree.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
+    }
+
+    /// # Errors
+    /// The first field out of its bounds.
+    pub fn validate(&self) -> Result<(), RunConfigError> {
+        let check = |(section, fields): (&'static str, &dyn Section)| {
+            fields.validate().map_err(|source| RunConfigError::Value { section, source })
+        };
+        self.sections().into_iter().try_for_each(check)
+    }
+
+    /// The configuration as a TOML file that explains itself: documentation and bounds above every value.
+    pub fn to_commented_toml(&self) -> String {
+        let mut text =
+            String::from("# Configuration of lrfslam. Every value may be left out; this is what holds then.\n");
+        for (name, section) in self.sections() {
+            write_section(&mut text, name, section);
+        }
+        text
+    }
+
+    /// What the log's reader needs to know.
+    pub fn log_options(&self) -> LogOptions {
+        let given = |value: f32| (value > 0.0).then_some(value);
+        LogOptions {
+            range_max_m: given(self.log.range_max_m),
+            field_of_view_rad: given(self.log.field_of_view_deg).map(f32::to_radians),
+            robot_from_lrf: (!self.mounting.from_log).then(|| self.robot_from_lrf()),
+            scan_interval: Duration::from_micros((self.log.untimed_scan_interval_s * 1e6) as i64),
+        }
+    }
+
+    /// The configured mounting of the laser, for logs that do not tell it.
+    pub fn robot_from_lrf(&self) -> Pose2 {
+        let mounting = &self.mounting;
+        Pose2::new(mounting.forward_m, mounting.left_m, mounting.heading_deg.to_radians())
+    }
+}
+
+/// A TOML value, or else plain text without its quotes.
+fn parse_value(text: &str) -> toml::Value {
+    let parsed = toml::from_str::<toml::Table>(&format!("value = {text}")).ok();
+    parsed.and_then(|mut table| table.remove("value")).unwrap_or_else(|| toml::Value::String(text.to_owned()))
+}
+
+fn write_section(text: &mut String, name: &str, section: &dyn Section) {
+    text.push('\n');
+    push_comment(text, section.doc());
+    text.push_str(&format!("[{name}]\n"));
+    section.visit(&mut |field| {
+        push_comment(text, field.doc);
+        if !field.expected.is_empty() {
+            push_comment(text, &[&field.expected]);
+        }
+        text.push_str(field.name);
+        text.push_str(" = ");
+        // Writing to a string cannot fail.
+        let _ = field.value.write_toml(text);
+        let _ = text.write_char('\n');
+    });
+}
+
+fn push_comment(text: &mut String, lines: &[&str]) {
+    for line in lines {
+        text.push_str(&format!("# {}\n", line.trim()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn load(text: &str, overrides: &[&str]) -> Result<RunConfig, String> {
+        let file = tempfile::Builder::new().suffix(".toml").tempfile().unwrap();
+        std::fs::write(file.path(), text).unwrap();
+        let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
+        RunConfig::load(Some(file.path()), &overrides).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn printed_configuration_is_read_back() {
+        let mut config = RunConfig::default();
+        config.map.cell_size_m = 0.025;
+        config.mounting.from_log = false;
+        let text = config.to_commented_toml();
+        assert_eq!(load(&text, &[]), Ok(config));
+        assert!(text.contains("\n# How the log is read.\n[log]\n"), "{text}");
+        assert!(text.contains("# 0.0 to 1000.0\nrange_max_m = 0.0\n"), "{text}");
+        assert!(text.contains("from_log = false\n"), "{text}");
+    }
+
+    #[test]
+    fn every_number_says_what_it_means() {
+        for (name, section) in RunConfig::default().sections() {
+            assert!(!section.doc().is_empty(), "[{name}] is not documented");
+            section.visit(&mut |field| assert!(!field.doc.is_empty(), "{name}.{} is not documented", field.name));
+        }
+    }
+
+    #[test]
+    fn overrides_win_over_the_file_and_the_file_over_defaults() {
+        let config = load("[map]\ncell_size_m = 0.1\n[log]\nrange_max_m = 30\n", &["map.cell_size_m=0.2"]).unwrap();
+        assert_eq!((config.map.cell_size_m, config.log.range_max_m), (0.2, 30.0));
+        assert_eq!(config.map.occupied_share, MapConfig::default().occupied_share);
+        assert!(!load("", &["mounting.from_log = false"]).unwrap().mounting.from_log);
+    }
+
+    #[test]
+    fn wrong_files_name_line_key_and_expectation() {
+        let error = load("[map]\n\ncel_size_m = 0.1\n", &[]).unwrap_err();
+        assert!(error.contains("line 3") && error.contains("cel_size_m") && error.contains("cell_size_m"), "{error}");
+        let error = load("[map]\ncell_size_m = \"big\"\n", &[]).unwrap_err();
+        assert!(error.contains("line 2") && error.contains("f32"), "{error}");
+        assert!(load("[map\n", &[]).unwrap_err().contains("line 1"));
+        assert!(load("[nonsense]\n", &[]).unwrap_err().contains("expected one of"));
+        let error = load("[map]\ncell_size_m = -1.0\n", &[]).unwrap_err();
+        assert_eq!(error, "configuration: map.cell_size_m is -1.0, expected 0.005 to 1.0");
+        assert!(load("[map]\ncell_size_m = nan\n", &[]).unwrap_err().contains("is NaN"));
+    }
+
+    #[test]
+    fn wrong_overrides_name_themselves() {
+        let error = |o: &str| load("", &[o]).unwrap_err();
+        assert!(error("map.cell=1").contains("--set map.cell=1: unknown field `cell`"));
+        assert!(error("mapp.cell_size_m=1").contains("there is no section `mapp`, expected one of log, map, mounting"));
+        assert!(error("cell_size_m").contains("expected section.key=value"));
+        assert!(error("map.cell_size_m=wide").contains("invalid type"));
+        assert!(error("map.cell_size_m=9").contains("map.cell_size_m is 9.0"));
+    }
+}

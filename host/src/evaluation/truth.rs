@@ -1,0 +1,147 @@
+//! Errors against a true path: absolute, after the best rigid alignment, and relative, over stretches of the way.
+//!
+//! Alignment: rotation and translation of the plane that bring the estimated positions nearest to the true ones in the
+//! mean square, no scale. Source: Umeyama, IEEE PAMI 13(4), 1991, in the plane, where the rotation is an `atan2`.
+//! The two errors are those of Sturm et al., IROS 2012 (TUM's benchmark), the relative one over distance as in KITTI's.
+
+use lrfslam_core::time::Duration;
+use serde::Serialize;
+
+use super::{EvaluationError, PosesByTime, Statistics};
+use crate::pose_f64::{PoseF64, wrap};
+use crate::trajectory::TimedPose;
+
+/// Errors against the true path.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TruthReport {
+    /// Poses of the true path.
+    pub truth_poses: usize,
+    /// Of these, without an estimated pose near enough in time.
+    pub unmatched: usize,
+    /// How far apart in time partners may lie, s.
+    pub tolerance_s: f64,
+    /// Absolute trajectory error: distance of the positions after alignment, m.
+    pub absolute_m: Statistics,
+    /// Difference of the headings after alignment, degrees.
+    pub absolute_deg: Statistics,
+    /// Error of the displacement over stretches of the true path.
+    pub relative: RelativeError,
+}
+
+/// Drift over stretches of equal length.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RelativeError {
+    /// Length of a stretch along the true path, m; one begins at every pose.
+    pub stretch_m: f64,
+    /// |translation| of the error per metre of way.
+    pub translation_m_per_m: Statistics,
+    /// |rotation| of the error per metre of way, degrees.
+    pub rotation_deg_per_m: Statistics,
+}
+
+/// Judges `poses` by the path `truth`; partners may lie up to `tolerance` apart in time.
+///
+/// # Errors
+/// If no pose has a partner.
+pub fn evaluate_truth(
+    poses: &[TimedPose],
+    truth: &[TimedPose],
+    tolerance: Duration,
+    stretch_m: f64,
+) -> Result<TruthReport, EvaluationError> {
+    let by_time = PosesByTime::new(poses);
+    let partner =
+        |t: &TimedPose| by_time.nearest(t.stamp, tolerance).map(|(pose, _)| (PoseF64::from(t.map_from_robot), pose));
+    let pairs: Vec<(PoseF64, PoseF64)> = truth.iter().filter_map(partner).collect();
+    if pairs.is_empty() {
+        return Err(EvaluationError::nothing_matches(poses, truth.iter().map(|t| t.stamp), tolerance));
+    }
+    let truth_from_estimate = align(&pairs);
+    let errors = pairs.iter().map(|&(truth, estimate)| (truth, truth_from_estimate.then(estimate)));
+    let distances: Vec<f64> = errors.clone().map(|(t, e)| (e.x - t.x).hypot(e.y - t.y)).collect();
+    let angles: Vec<f64> = errors.map(|(t, e)| wrap(e.heading - t.heading).abs().to_degrees()).collect();
+    Ok(TruthReport {
+        truth_poses: truth.len(),
+        unmatched: truth.len() - pairs.len(),
+        tolerance_s: tolerance.micros as f64 / 1e6,
+        absolute_m: Statistics::of(&distances),
+        absolute_deg: Statistics::of(&angles),
+        relative: relative(&pairs, stretch_m),
+    })
+}
+
+/// The rigid motion that carries the estimates (second) onto the truth (first).
+fn align(pairs: &[(PoseF64, PoseF64)]) -> PoseF64 {
+    let n = pairs.len() as f64;
+    let mean = |of: &dyn Fn(&(PoseF64, PoseF64)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
+    let (tx, ty) = (mean(&|p| p.0.x), mean(&|p| p.0.y));
+    let (ex, ey) = (mean(&|p| p.1.x), mean(&|p| p.1.y));
+    let dot = mean(&|(t, e)| (e.x - ex) * (t.x - tx) + (e.y - ey) * (t.y - ty));
+    let cross = mean(&|(t, e)| (e.x - ex) * (t.y - ty) - (e.y - ey) * (t.x - tx));
+    let heading = cross.atan2(dot);
+    let (sin, cos) = heading.sin_cos();
+    PoseF64::new(tx - (cos * ex - sin * ey), ty - (sin * ex + cos * ey), heading)
+}
+
+/// One stretch from every pose to the first one at least `stretch_m` farther along the true path.
+fn relative(pairs: &[(PoseF64, PoseF64)], stretch_m: f64) -> RelativeError {
+    let mut way_m = vec![0.0; pairs.len()];
+    for i in 1..pairs.len() {
+        way_m[i] = way_m[i - 1] + pairs[i - 1].0.between(pairs[i].0).distance_m();
+    }
+    let (mut translations, mut rotations) = (Vec::new(), Vec::new());
+    for start in 0..pairs.len() {
+        let end = way_m.partition_point(|&way| way < way_m[start] + stretch_m);
+        let Some(&(truth, estimate)) = pairs.get(end).filter(|_| end > start) else { continue };
+        let error = pairs[start].0.between(truth).between(pairs[start].1.between(estimate));
+        let length_m = way_m[end] - way_m[start];
+        translations.push(error.distance_m() / length_m);
+        rotations.push(error.heading.abs().to_degrees() / length_m);
+    }
+    let (translation_m_per_m, rotation_deg_per_m) = (Statistics::of(&translations), Statistics::of(&rotations));
+    RelativeError { stretch_m, translation_m_per_m, rotation_deg_per_m }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lrfslam_core::time::Instant;
+
+    fn path(motion: PoseF64, stretch: f64) -> Vec<TimedPose> {
+        let on_circle = |i: i32| {
+            let angle = f64::from(i) * 0.1;
+            PoseF64::new(5.0 * angle.cos() * stretch, 5.0 * angle.sin() * stretch, wrap(angle + 1.57))
+        };
+        (0..50)
+            .map(|i| TimedPose {
+                stamp: Instant::from_micros(i64::from(i) * 1000),
+                map_from_robot: motion.then(on_circle(i)).to_f32(),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn moved_path_has_no_error() {
+        let moved = path(PoseF64::new(30.0, -7.0, 2.9), 1.0);
+        let report = evaluate_truth(&moved, &path(PoseF64::default(), 1.0), Duration::ZERO, 2.0).unwrap();
+        assert!(report.absolute_m.max < 1e-5 && report.absolute_deg.max < 1e-4, "{report:?}");
+        assert!(report.relative.translation_m_per_m.max < 1e-5);
+        assert_eq!((report.unmatched, report.absolute_m.count), (0, 50));
+    }
+
+    #[test]
+    fn stretched_path_is_not_scaled_away() {
+        let report =
+            evaluate_truth(&path(PoseF64::default(), 1.1), &path(PoseF64::default(), 1.0), Duration::ZERO, 2.0)
+                .unwrap();
+        assert!(report.absolute_m.mean > 0.3);
+        assert!((report.relative.translation_m_per_m.mean - 0.1).abs() < 0.002, "{:?}", report.relative);
+        assert!((report.relative.translation_m_per_m.count as i32 - 46).abs() <= 1);
+    }
+
+    #[test]
+    fn path_without_partners_is_an_error() {
+        let late = [TimedPose { stamp: Instant::from_micros(9_000_000), ..path(PoseF64::default(), 1.0)[0] }];
+        assert!(evaluate_truth(&late, &path(PoseF64::default(), 1.0), Duration::ZERO, 1.0).is_err());
+    }
+}

@@ -1,0 +1,134 @@
+//! What a run was and what it cost: `run.json`, beside every result.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use crate::config::RunConfig;
+use crate::log::{LogCounts, LogFormat};
+
+/// Everything needed to judge and to repeat a run.
+#[derive(Debug, Clone, Serialize)]
+pub struct RunReport {
+    /// Name and version of the program.
+    pub program: Program,
+    /// The log.
+    pub input: Input,
+    /// Every value used.
+    pub config: RunConfig,
+    /// Of the random numbers.
+    pub seed: u64,
+    /// The log's odometry was used.
+    pub odometry: bool,
+    /// What was met in the log.
+    pub log: LogCounts,
+    /// What the beams said.
+    pub beams: BeamCounts,
+    /// Ranges from here on were misses, m.
+    pub range_max_m: f32,
+    /// Time spent and memory used.
+    pub cost: Cost,
+    /// The log was not read to its end: results stop at the fault.
+    pub partial: bool,
+    /// Why.
+    pub fault: Option<String>,
+}
+
+/// The program that ran.
+#[derive(Debug, Clone, Serialize)]
+pub struct Program {
+    /// Its name.
+    pub name: &'static str,
+    /// Its version.
+    pub version: &'static str,
+}
+
+impl Program {
+    /// This one.
+    pub const THIS: Self = Self { name: "lrfslam", version: env!("CARGO_PKG_VERSION") };
+}
+
+/// The file that was read.
+#[derive(Debug, Clone, Serialize)]
+pub struct Input {
+    /// Its name as given.
+    pub name: String,
+    /// SHA-256 of its bytes, hexadecimal.
+    pub sha256: String,
+    /// Its size.
+    pub bytes: u64,
+    /// What it was found to be.
+    pub format: Option<LogFormat>,
+}
+
+/// What beams said.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct BeamCounts {
+    /// Something at a range.
+    pub hits: u64,
+    /// Nothing up to the maximum range.
+    pub misses: u64,
+    /// No measurement.
+    pub invalid: u64,
+}
+
+/// Time and memory.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Cost {
+    /// From the first scan to the last, s.
+    pub wall_s: f64,
+    /// Scans per second of it.
+    pub scans_per_s: f64,
+    /// Time between the log's first and last scan, s; 0 if the log has no times.
+    pub log_s: f64,
+    /// The most memory the process has held, bytes, where the system tells.
+    pub peak_memory_bytes: Option<u64>,
+}
+
+/// SHA-256 of the file at `path`, hexadecimal.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn sha256_of_file(path: &Path) -> io::Result<String> {
+    let mut file = File::open(path)?;
+    let mut hash = Sha256::new();
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        match file.read(&mut buffer)? {
+            0 => break,
+            read => hash.update(&buffer[..read]),
+        }
+    }
+    Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// The most memory this process has held so far, bytes; `None` where there is no `/proc` that tells (`VmHWM`).
+pub fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let kibibytes: u64 =
+        status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?.split_whitespace().next()?.parse().ok()?;
+    Some(kibibytes * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hash_is_the_standard_s_example() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), b"abc").unwrap();
+        let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"; // FIPS 180-4, one block
+        assert_eq!(sha256_of_file(file.path()).unwrap(), expected);
+    }
+
+    #[test]
+    fn peak_memory_is_plausible_where_it_is_told() {
+        if let Some(bytes) = peak_memory_bytes() {
+            assert!((1 << 20..1 << 36).contains(&bytes), "{bytes}");
+        }
+    }
+}
