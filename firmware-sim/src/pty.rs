@@ -29,6 +29,7 @@ const IDLE: Duration = Duration::from_millis(20);
 struct Terminal {
     master: OwnedFd,
     link: PathBuf,
+    target: PathBuf,
 }
 
 /// What happened on the line so far.
@@ -86,7 +87,7 @@ impl Terminal {
         tcsetattr(&slave, OptionalActions::Now, &settings).context("pseudo-terminal")?;
         let target = name.to_string_lossy().into_owned();
         replace_link(&target, link)?;
-        Ok(Self { master, link: link.to_owned() })
+        Ok(Self { master, link: link.to_owned(), target: target.into() })
     }
 
     /// The rate that the client set, bit/s.
@@ -123,8 +124,10 @@ impl Terminal {
 
 impl Drop for Terminal {
     fn drop(&mut self) {
-        // Only our own link, and only if it is still there.
-        let _ = std::fs::remove_file(&self.link);
+        // Another simulator may have taken the name meanwhile.
+        if std::fs::read_link(&self.link).is_ok_and(|target| target == self.target) {
+            let _ = std::fs::remove_file(&self.link);
+        }
     }
 }
 

@@ -101,14 +101,25 @@ pub enum BaudPolicy {
     Keep,
     /// Find it, then change to this one, bit/s, if the sensor and the line can.
     Raise(u32),
+    /// Find it, and if it is slower than this one, bit/s, change to it.
+    AtLeast(u32),
 }
 
 impl BaudPolicy {
-    /// The rate to look at first, if any is wanted.
+    /// The rate to look at first, and to change to; 0 for none.
     pub(super) fn wanted(self) -> u32 {
         match self {
-            BaudPolicy::Raise(rate) => rate,
+            BaudPolicy::Raise(rate) | BaudPolicy::AtLeast(rate) => rate,
             BaudPolicy::NoRate | BaudPolicy::Keep => 0,
+        }
+    }
+
+    /// True if the rate found is to be changed to the one wanted.
+    pub(super) fn wants_change(self, found: u32) -> bool {
+        match self {
+            BaudPolicy::Raise(rate) => rate != found,
+            BaudPolicy::AtLeast(rate) => found < rate,
+            BaudPolicy::NoRate | BaudPolicy::Keep => false,
         }
     }
 }

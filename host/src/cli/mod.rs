@@ -5,7 +5,12 @@
 
 mod config;
 mod eval;
+mod laser;
+mod live_scans;
+mod lrf;
 mod map;
+mod replay;
+mod run;
 mod summary;
 
 use std::ffi::OsString;
@@ -28,6 +33,9 @@ struct Cli {
 enum Command {
     Map(map::MapArgs),
     Eval(eval::EvalArgs),
+    Run(run::RunArgs),
+    Replay(replay::ReplayArgs),
+    Lrf(lrf::LrfArgs),
     Config(config::ConfigArgs),
 }
 
@@ -63,6 +71,9 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let done = match &cli.command {
         Command::Map(args) => map::run(args),
         Command::Eval(args) => eval::run(args),
+        Command::Run(args) => run::run(args),
+        Command::Replay(args) => replay::run(args),
+        Command::Lrf(args) => lrf::run(args),
         Command::Config(args) => config::run(args),
     };
     let (error, code) = match done {

@@ -143,6 +143,8 @@ struct Session<'a> {
     rate_index: usize,
     baud: u32,
     last_good_baud: u32,
+    /// The sensor is on USB, where the rate means nothing.
+    is_usb: bool,
     raise_failures: u8,
     detours: u8,
     noise: LineNoise,
@@ -198,6 +200,7 @@ impl<'a> HokuyoDriver<'a> {
             rate_index: 0,
             baud: 0,
             last_good_baud: 0,
+            is_usb: false,
             raise_failures: 0,
             detours: 0,
             noise: LineNoise::default(),
@@ -344,7 +347,12 @@ impl Session<'_> {
 
     /// A sensor answers at its next turn (100 ms for the slowest), and the longest reply has 250 bytes.
     fn reply_wait(&self) -> Duration {
-        Duration::from_micros(400_000 + wire_time(250, self.baud).micros)
+        Duration::from_micros(400_000 + wire_time(250, self.line_baud()).micros)
+    }
+
+    /// The rate that bytes travel at, bit/s; 0 if it means nothing.
+    fn line_baud(&self) -> u32 {
+        if self.is_usb { 0 } else { self.baud }
     }
 
     fn command(&self, ask: Ask) -> Command {

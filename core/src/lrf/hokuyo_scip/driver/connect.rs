@@ -49,6 +49,7 @@ impl Session<'_> {
             policy => BaudRates::new([self.last_good_baud, policy.wanted()].into_iter().chain(RATES)),
         };
         self.rate_index = 0;
+        self.is_usb = false;
         self.stamps = StampUnwrapper::default();
         self.offset = ClockOffset::default();
         self.flush(now);
@@ -180,14 +181,16 @@ impl Session<'_> {
     }
 
     fn on_information(&mut self, now: Instant, reply: &Reply<'_>) {
-        if let Some(line) = reply.info().find(|line| line.key == "STAT") {
-            self.identity.state = cut(line.value);
+        for line in reply.info() {
+            match line.key {
+                "STAT" => self.identity.state = cut(line.value),
+                "SBPS" => self.is_usb = line.value.contains("USB"),
+                _ => {}
+            }
         }
         self.outbox.push(Pending::Identified);
-        match self.config.baud {
-            BaudPolicy::Raise(wanted) if wanted != self.baud && self.raise_failures < 2 => self.ask(now, Ask::Rate),
-            _ => self.compare_clocks(now),
-        }
+        let change = !self.is_usb && self.config.baud.wants_change(self.baud) && self.raise_failures < 2;
+        if change { self.ask(now, Ask::Rate) } else { self.compare_clocks(now) }
     }
 
     fn on_rate(&mut self, now: Instant, status: Status) {

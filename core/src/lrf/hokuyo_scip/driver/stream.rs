@@ -16,7 +16,7 @@ impl Session<'_> {
     pub(super) fn begin_streaming(&mut self, now: Instant) {
         self.state = State::Streaming;
         self.bad_in_a_row = 0;
-        self.outbox.push(Pending::Streaming(self.baud, self.scan_period()));
+        self.outbox.push(Pending::Streaming(self.line_baud(), self.scan_period()));
         self.watch(now, Duration::from_millis(1500));
     }
 
@@ -49,7 +49,7 @@ impl Session<'_> {
             Stamp::Stuck => return self.restart(now, Step::Stream, Cause::StuckClock, ""),
         };
         // Both are no earlier than the truth: reading late makes the first late, reading in pieces the second.
-        let first_byte = Instant::from_micros(now.micros - wire_time(self.scan_bytes(), self.baud).micros);
+        let first_byte = Instant::from_micros(now.micros - wire_time(self.scan_bytes(), self.line_baud()).micros);
         let stamp = self.offset.stamp(self.frame_began.min(first_byte), stamp_ms, transit);
         self.scan_stamp = Instant::from_micros(stamp.micros - self.config.latency.micros);
         self.scan_len = header.beams;
@@ -85,7 +85,7 @@ impl Session<'_> {
     /// From one scan to the next: whole turns, as many as the line needs.
     fn scan_period(&self) -> Duration {
         let turn = self.identity.turn.micros.max(1);
-        let wire = wire_time(self.scan_bytes(), self.baud).micros;
+        let wire = wire_time(self.scan_bytes(), self.line_baud()).micros;
         let turns = (wire / turn + 1).max(i64::from(self.config.interval) + 1);
         Duration::from_micros(turns * turn)
     }

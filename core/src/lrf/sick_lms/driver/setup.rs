@@ -1,7 +1,7 @@
 //! What the sensor is, and what it is to be.
 
 use super::{Ask, Session, State};
-use crate::lrf::driver::{BaudPolicy, Cause, Identity, Patience, Pending, Step};
+use crate::lrf::driver::{Cause, Identity, Patience, Pending, Step};
 use crate::lrf::sick_lms::config_block::ConfigBlock;
 use crate::lrf::sick_lms::reply::{ModeResult, Reply, ReplyBody, StatusReport};
 use crate::lrf::sick_lms::scan::TURN;
@@ -104,10 +104,8 @@ impl Session<'_> {
         if self.layout().is_none() && !self.wants_config() {
             return self.restart(now, Step::Identify, Cause::BadParameters, Ask::Config.text());
         }
-        match self.config.baud {
-            BaudPolicy::Raise(wanted) if wanted != self.baud && self.raise_failures < 2 => self.ask(now, Ask::Rate),
-            _ => self.after_rate(now),
-        }
+        let change = self.config.baud.wants_change(self.baud) && self.raise_failures < 2;
+        if change { self.ask(now, Ask::Rate) } else { self.after_rate(now) }
     }
 
     fn after_rate(&mut self, now: Instant) {
