@@ -154,10 +154,9 @@ fn plan(scan: &RangeScan<'_>) -> String {
     let mut put = |x: f32, y: f32, mark: u8| {
         let column = ((1.0 - y / reach) * 0.5 * (columns - 1) as f32).round() as usize;
         let row = ((1.0 - x / reach) * 0.5 * (rows - 1) as f32).round() as usize;
-        if let Some(cell) = cells.get_mut(row.min(rows - 1) * columns + column.min(columns - 1)) {
-            if *cell != b'#' {
-                *cell = mark;
-            }
+        let place = row.min(rows - 1) * columns + column.min(columns - 1);
+        if let Some(cell) = cells.get_mut(place).filter(|cell| **cell != b'#') {
+            *cell = mark;
         }
     };
     for point in scan.beams.iter().filter_map(|beam| beam.hit_in_lrf()) {

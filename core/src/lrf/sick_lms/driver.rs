@@ -164,6 +164,8 @@ struct Session<'a> {
 
     identity: Identity,
     variant: Variant,
+    /// The sensor said its variant; else scans show it.
+    variant_known: bool,
     measuring_mode: u8,
     block: Option<ConfigBlock>,
     turns_refused: bool,
@@ -202,6 +204,7 @@ impl<'a> SickDriver<'a> {
             raise_failures: 0,
             identity: Identity::default(),
             variant: Variant::DEG_180_BY_1,
+            variant_known: false,
             measuring_mode: 0,
             block: None,
             turns_refused: false,

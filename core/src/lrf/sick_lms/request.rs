@@ -33,6 +33,13 @@ impl Variant {
         matches!((self.angle_deg, self.resolution_cdeg), (180, 50 | 100) | (100, 25 | 50 | 100))
     }
 
+    /// The one whose full scan has so many values.
+    pub fn with_values(values: usize) -> Option<Self> {
+        let all = [(180, 100), (180, 50), (100, 100), (100, 50), (100, 25)];
+        let variant = |(angle_deg, resolution_cdeg)| Self { angle_deg, resolution_cdeg };
+        all.map(variant).into_iter().find(|variant| usize::from(variant.values()) == values)
+    }
+
     /// Values in a full scan.
     pub const fn values(self) -> u16 {
         let resolution = if self.resolution_cdeg == 0 { 1 } else { self.resolution_cdeg };

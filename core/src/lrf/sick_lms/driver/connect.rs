@@ -34,6 +34,7 @@ impl Session<'_> {
         };
         self.rate_index = 0;
         self.turns_refused = false;
+        self.variant_known = false;
         self.fault_reported = false;
         self.look(now);
     }
@@ -135,7 +136,9 @@ impl Session<'_> {
             }
             // Not every firmware knows these.
             Ask::Type => self.ask(now, Ask::Status),
+            Ask::Status => self.ask(now, Ask::Config),
             Ask::Config => self.after_config(now),
+            Ask::StreamTurns => self.without_turns(now),
             Ask::Stop => self.stopped(false),
             _ => self.restart(now, ask.step(), Cause::NoReply, ask.text()),
         }

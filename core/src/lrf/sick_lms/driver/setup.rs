@@ -37,6 +37,7 @@ impl Session<'_> {
             (Ask::Variant, ReplyBody::Variant(taken, variant)) => {
                 let now_holds = *taken && Some(*variant) == self.config.variant;
                 self.variant = if variant.is_possible() { *variant } else { self.variant };
+                self.variant_known |= variant.is_possible();
                 if !now_holds {
                     self.setup_refused = true;
                     self.warn(Step::Configure, Cause::Refused([0xBB, 0]), ask.text());
@@ -63,6 +64,7 @@ impl Session<'_> {
     pub(super) fn on_refused(&mut self, now: Instant, ask: Ask, cause: Cause) {
         match ask {
             Ask::Type => self.ask(now, Ask::Status),
+            Ask::Status => self.ask(now, Ask::Config),
             Ask::Config => self.after_config(now),
             Ask::Rate => {
                 self.raise_failures = u8::MAX;
@@ -79,12 +81,14 @@ impl Session<'_> {
                 self.warn(Step::Configure, cause, ask.text());
                 self.ask(now, Ask::LeaveInstall);
             }
-            Ask::StreamTurns => {
-                self.turns_refused = true;
-                self.ask(now, Ask::StreamAll);
-            }
+            Ask::StreamTurns => self.without_turns(now),
             _ => self.restart(now, ask.step(), cause, ask.text()),
         }
+    }
+
+    pub(super) fn without_turns(&mut self, now: Instant) {
+        self.turns_refused = true;
+        self.ask(now, Ask::StreamAll);
     }
 
     fn on_status(&mut self, now: Instant, report: &StatusReport<'_>) {
@@ -92,6 +96,7 @@ impl Session<'_> {
             return self.restart(now, Step::Identify, Cause::BadParameters, Ask::Status.text());
         }
         self.variant = report.variant();
+        self.variant_known = true;
         self.measuring_mode = report.measuring_mode();
         self.identity.firmware = printable(report.software().as_bytes());
         let state = if report.has_error() { "reports an error in itself" } else { "no error" };
@@ -122,8 +127,7 @@ impl Session<'_> {
         }
         self.describe();
         self.outbox.push(Pending::Identified);
-        let by_turns = self.config.each_turn && self.variant.turns() > 1 && !self.turns_refused;
-        self.ask(now, if by_turns { Ask::StreamTurns } else { Ask::StreamAll });
+        self.ask(now, if self.streams_turns() { Ask::StreamTurns } else { Ask::StreamAll });
     }
 
     fn wants_config(&self) -> bool {

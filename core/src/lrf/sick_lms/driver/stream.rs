@@ -4,6 +4,7 @@ use super::{Ask, Session, State};
 use crate::lrf::driver::{Cause, Patience, Pending, Step, wire_time};
 use crate::lrf::sick_lms::measurement::Measurement;
 use crate::lrf::sick_lms::reply::{Reply, ReplyBody};
+use crate::lrf::sick_lms::request::Variant;
 use crate::lrf::sick_lms::scan::TURN;
 use crate::lrf::sick_lms::telegram::OVERHEAD;
 use crate::time::{Duration, Instant};
@@ -31,6 +32,10 @@ impl Session<'_> {
     }
 
     fn on_scan(&mut self, now: Instant, measurement: &Measurement<'_>, length: usize) {
+        // A sensor that did not say its field of view shows it: each has another number of values.
+        if let Some(variant) = Variant::with_values(measurement.len()).filter(|_| !self.variant_known) {
+            self.variant = variant;
+        }
         let Some(layout) = self.layout() else {
             return;
         };
@@ -72,7 +77,7 @@ impl Session<'_> {
         }
     }
 
-    fn streams_turns(&self) -> bool {
+    pub(super) fn streams_turns(&self) -> bool {
         self.config.each_turn && self.variant.turns() > 1 && !self.turns_refused
     }
 

@@ -198,3 +198,18 @@ fn silence_tries_every_rate_and_says_so() {
     assert!(desk.heard().last().unwrap().contains("at 9600, 38400, 500000, 19200 baud"));
     assert!(desk.now.micros < 4_000_000, "{:?}", desk.now);
 }
+
+/// A simple sensor, or a simple simulator: it streams, and answers nothing else.
+#[test]
+fn sensor_that_knows_nothing_but_streaming_gives_scans() {
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [BLANK; BEAM_MEMORY]);
+    let mut desk = Desk::new(SickConfig::default(), &mut bytes, &mut beams);
+    desk.reply(&DONE);
+    while desk.said.last().unwrap() != "20 24" {
+        desk.wait();
+    }
+    desk.reply(&DONE);
+    desk.reply(&scan(361, None));
+    assert_eq!(desk.heard().last().unwrap(), "scan of 361");
+    assert!(desk.now.micros < 8_000_000);
+}
