@@ -12,8 +12,12 @@
 //! Sources: the facts about each protocol are cited where they are used, as "manual" (the maker's), "capture" (bytes
 //! recorded from a real device) or "drivers" (at least two independent open drivers agree).
 
+pub mod clock;
 pub mod driver;
 pub mod hokuyo_scip;
+pub mod ldrobot;
+pub mod rplidar;
 pub mod sick_lms;
 pub mod timing;
 mod trouble;
+pub mod turn;

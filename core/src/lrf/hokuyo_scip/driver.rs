@@ -7,11 +7,11 @@
 mod connect;
 mod stream;
 
-use super::clock::{ClockOffset, StampUnwrapper};
 use super::command::{Acquire, Command, Encoding, TimeMode};
 use super::decoder::ScipDecoder;
 use super::parameters::SensorParameters;
 use super::reply::Reply;
+use crate::lrf::clock::{ClockOffset, PERIOD_24_BIT_MS, StampUnwrapper};
 use crate::lrf::driver::{
     BackOff, BaudPolicy, BaudRates, Cause, Counters, Event, Identity, Input, LrfDriver, Outbox, Output, Patience,
     Pending, Step, Trouble, wire_time,
@@ -207,7 +207,7 @@ impl<'a> HokuyoDriver<'a> {
             parameters: None,
             identity: Identity::default(),
             acquire: Acquire { encoding: config.encoding, multi_echo: false, first: 0, last: 0, cluster: 1 },
-            stamps: StampUnwrapper::default(),
+            stamps: StampUnwrapper::new(PERIOD_24_BIT_MS),
             offset: ClockOffset::default(),
             beams,
             scan_len: 0,

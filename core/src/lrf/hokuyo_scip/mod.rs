@@ -4,15 +4,14 @@
 //! ends it, so two line feeds in a row are the one mark from which to find the way again.
 //!
 //! Modules, in the direction of the data: [`code`] (6 bits per character), [`command`], [`decoder`] (bytes → frames),
-//! [`reply`] (frame → checked fields), [`parameters`] (what the sensor is), [`scan`] (fields → beams), [`clock`]
-//! (24-bit stamps → host time), [`driver`] (the session).
+//! [`reply`] (frame → checked fields), [`parameters`] (what the sensor is), [`scan`] (fields → beams), [`driver`] (the
+//! session); its 24-bit stamps go through [`clock`](crate::lrf::clock).
 //!
 //! Not here: reading the further echoes of multi-echo models (the first is taken), firmware update mode.
 //!
 //! Source: manual, *Communication Protocol Specification for SCIP2.0 Standard*, C-42-03320B; captures of a URG-04LX and a
 //! UTM-30LX.
 
-pub mod clock;
 pub mod code;
 pub mod command;
 pub mod decoder;

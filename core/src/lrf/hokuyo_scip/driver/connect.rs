@@ -1,8 +1,8 @@
 //! From an open port to a sensor that is known, at the rate asked for, its clock compared.
 
 use super::{Ask, Session, State};
+use crate::lrf::clock::{ClockOffset, MAX_EXCHANGES, PERIOD_24_BIT_MS, Stamp, StampUnwrapper};
 use crate::lrf::driver::{BaudPolicy, BaudRates, Cause, Identity, Patience, Pending, Step, Trouble};
-use crate::lrf::hokuyo_scip::clock::{ClockOffset, MAX_EXCHANGES, Stamp, StampUnwrapper};
 use crate::lrf::hokuyo_scip::command::Acquire;
 use crate::lrf::hokuyo_scip::parameters::{SensorParameters, cut};
 use crate::lrf::hokuyo_scip::reply::{Reply, Status};
@@ -50,7 +50,7 @@ impl Session<'_> {
         };
         self.rate_index = 0;
         self.is_usb = false;
-        self.stamps = StampUnwrapper::default();
+        self.stamps = StampUnwrapper::new(PERIOD_24_BIT_MS);
         self.offset = ClockOffset::default();
         self.flush(now);
     }

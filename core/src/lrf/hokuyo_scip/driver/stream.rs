@@ -1,8 +1,8 @@
 //! From the first scan to the last.
 
 use super::{Ask, Session, State};
+use crate::lrf::clock::Stamp;
 use crate::lrf::driver::{BaudRates, Cause, Patience, Pending, Step, Trouble, wire_time};
-use crate::lrf::hokuyo_scip::clock::Stamp;
 use crate::lrf::hokuyo_scip::reply::{BLOCK, Reply, Status};
 use crate::lrf::hokuyo_scip::scan::read_scan;
 use crate::time::{Duration, Instant};

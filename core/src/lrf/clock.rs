@@ -1,9 +1,9 @@
-//! A sensor's 24-bit millisecond clock → host time.
+//! A sensor's millisecond clock, which wraps → host time.
 
 use crate::time::{Duration, Instant};
 
-/// Period of the clock, ms: it wraps after 4 h 39 min 37 s.
-const PERIOD_MS: i64 = 1 << 24;
+/// Period of a 24-bit clock, ms: it wraps after 4 h 39 min 37 s.
+pub const PERIOD_24_BIT_MS: i64 = 1 << 24;
 /// Steps backwards up to this are jitter, not a reset, ms.
 const JITTER_MS: i64 = 1000;
 /// Equal stamps in a row after which the clock is called stuck.
@@ -21,39 +21,46 @@ pub enum Stamp {
 }
 
 /// Unwraps stamps, and notices a sensor that was reset or whose clock stands still.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub struct StampUnwrapper {
+    period_ms: i64,
     last: Option<i64>,
     repeats: u8,
 }
 
 impl StampUnwrapper {
-    /// The next stamp, ms, of which the low 24 bits count.
+    /// For a clock that counts from 0 to `period_ms` − 1.
+    pub const fn new(period_ms: i64) -> Self {
+        Self { period_ms, last: None, repeats: 0 }
+    }
+
+    /// The next stamp, ms, taken modulo the period.
     ///
     /// A backward jump by more than half the period is a wrap (drivers); a small one is jitter. After `Reset` or `Stuck` the
     /// unwrapper starts anew.
     pub fn unwrap(&mut self, stamp_ms: u32) -> Stamp {
-        let stamp = i64::from(stamp_ms) & (PERIOD_MS - 1);
+        let period = self.period_ms.max(1);
+        let stamp = i64::from(stamp_ms) % period;
         let Some(last) = self.last else {
             self.last = Some(stamp);
             return Stamp::At(stamp);
         };
-        let turns = last.div_euclid(PERIOD_MS) * PERIOD_MS;
+        let turns = last.div_euclid(period) * period;
         let step = stamp + turns - last;
-        let now = if step < -PERIOD_MS / 2 {
-            last + step + PERIOD_MS
-        } else if step > PERIOD_MS / 2 && turns > 0 {
-            last + step - PERIOD_MS
+        let now = if step < -period / 2 {
+            last + step + period
+        } else if step > period / 2 && turns > 0 {
+            last + step - period
         } else {
             last + step
         };
         if now < last - JITTER_MS {
-            *self = Self::default();
+            *self = Self::new(period);
             return Stamp::Reset;
         }
         self.repeats = if now == last { self.repeats + 1 } else { 0 };
         if self.repeats >= STUCK_AFTER - 1 {
-            *self = Self::default();
+            *self = Self::new(period);
             return Stamp::Stuck;
         }
         self.last = Some(now);
@@ -127,7 +134,7 @@ mod tests {
 
     #[test]
     fn wrap_is_unwrapped_and_small_steps_back_are_jitter() {
-        let mut clock = StampUnwrapper::default();
+        let mut clock = StampUnwrapper::new(PERIOD_24_BIT_MS);
         let stamps = [16_777_100, 16_777_200, 84, 80, 184];
         let unwrapped = stamps.map(|stamp| clock.unwrap(stamp));
         assert_eq!(unwrapped, [16_777_100, 16_777_200, 16_777_300, 16_777_296, 16_777_400].map(Stamp::At));
@@ -135,15 +142,15 @@ mod tests {
 
     #[test]
     fn jitter_across_the_wrap_goes_back() {
-        let mut clock = StampUnwrapper::default();
+        let mut clock = StampUnwrapper::new(PERIOD_24_BIT_MS);
         clock.unwrap(16_777_215);
-        assert_eq!(clock.unwrap(3), Stamp::At(PERIOD_MS + 3));
-        assert_eq!(clock.unwrap(16_777_214), Stamp::At(PERIOD_MS - 2));
+        assert_eq!(clock.unwrap(3), Stamp::At(PERIOD_24_BIT_MS + 3));
+        assert_eq!(clock.unwrap(16_777_214), Stamp::At(PERIOD_24_BIT_MS - 2));
     }
 
     #[test]
     fn reset_and_stuck_clock_are_noticed() {
-        let mut clock = StampUnwrapper::default();
+        let mut clock = StampUnwrapper::new(PERIOD_24_BIT_MS);
         clock.unwrap(5_000_000);
         assert_eq!(clock.unwrap(30), Stamp::Reset);
         assert_eq!(
