@@ -10,6 +10,9 @@ use std::time::{Duration as WallDuration, Instant as WallInstant, SystemTime, UN
 use lrfslam_core::lrf::driver::{BaudPolicy, Counters, Event, Input, LrfDriver, NEVER, Output, drain, run_bytes};
 use lrfslam_core::lrf::hokuyo_scip::driver as hokuyo;
 use lrfslam_core::lrf::hokuyo_scip::{HokuyoConfig, HokuyoDriver};
+use lrfslam_core::lrf::ldrobot::LdrobotDriver;
+use lrfslam_core::lrf::rplidar::driver as rplidar;
+use lrfslam_core::lrf::rplidar::{RplidarConfig, RplidarDriver};
 use lrfslam_core::lrf::sick_lms::driver as sick;
 use lrfslam_core::lrf::sick_lms::{SickConfig, SickDriver, Variant};
 use lrfslam_core::scan::{Beam, Echo};
@@ -29,6 +32,10 @@ pub enum LrfFamily {
     SickLms2xx,
     /// Hokuyo URG, UBG, UHG, UTM, UXM, UST (SCIP), serial or Ethernet
     Hokuyo,
+    /// Slamtec RPLIDAR A1, A2, A3, C1
+    Rplidar,
+    /// LDROBOT LD06, LD19
+    Ld06,
 }
 
 /// Everything that decides what a driver does; with the same inputs it then does the same.
@@ -75,12 +82,11 @@ impl LrfOptions {
             }
             LrfFamily::Hokuyo => {
                 let (baud, cluster) = (self.baud_policy(115_200), self.cluster.max(1));
-                Box::new(HokuyoDriver::new(
-                    HokuyoConfig { baud, cluster, latency, ..HokuyoConfig::default() },
-                    bytes,
-                    beams,
-                ))
+                let config = HokuyoConfig { baud, cluster, latency, ..HokuyoConfig::default() };
+                Box::new(HokuyoDriver::new(config, bytes, beams))
             }
+            LrfFamily::Rplidar => Box::new(RplidarDriver::new(RplidarConfig { baud: self.baud, latency }, beams)),
+            LrfFamily::Ld06 => Box::new(LdrobotDriver::new(latency, beams)),
         }
     }
 
@@ -105,7 +111,7 @@ impl Default for LaserMemory {
     fn default() -> Self {
         let blank = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
         let bytes = hokuyo::FRAME_MEMORY.max(sick::TELEGRAM_MEMORY);
-        Self { bytes: vec![0; bytes], beams: vec![blank; hokuyo::BEAM_MEMORY.max(sick::BEAM_MEMORY)] }
+        Self { bytes: vec![0; bytes], beams: vec![blank; hokuyo::BEAM_MEMORY.max(rplidar::BEAM_MEMORY)] }
     }
 }
 

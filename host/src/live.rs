@@ -14,7 +14,7 @@ use lrfslam_core::lrf::driver::{Counters, Event, Identity, Input, LrfDriver, Out
 use lrfslam_core::scan::{Beam, RangeScan};
 use lrfslam_core::time::{Duration, Instant};
 
-use crate::driver::{DriverEvent, LaserMemory, LrfOptions, run_driver};
+use crate::driver::{DriverEvent, LaserMemory, LrfFamily, LrfOptions, run_driver};
 use crate::link::{Address, Link};
 use crate::recording::{Recorder, RecordingHeader, RecordingReader};
 
@@ -124,7 +124,7 @@ fn live(
     let mut report = std::thread::scope(|scope| {
         let (enough, overrun) = (&enough, &overrun);
         let reader = scope.spawn(move || {
-            let mut open = || address.open();
+            let mut open = || open_for(&address, &options);
             read_laser(&options, &mut open, recorder, enough, &Mailbox { sender, overrun, stop })
         });
         consume(&receiver, enough, take);
@@ -133,6 +133,15 @@ fn live(
     });
     report.overrun = overrun.load(Ordering::Relaxed);
     Ok(report)
+}
+
+/// Opens the port, and lets an RPLIDAR A1's motor run, which DTR stops; a port without that line has no such motor.
+fn open_for(address: &Address, options: &LrfOptions) -> io::Result<Box<dyn Link>> {
+    let mut link = address.open()?;
+    if options.family == LrfFamily::Rplidar {
+        let _ = link.set_dtr(false);
+    }
+    Ok(link)
 }
 
 /// Gives messages to the consumer until the reader is done; breaking asks the reader to stop.

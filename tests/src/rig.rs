@@ -29,16 +29,24 @@ pub struct RigReport {
     pub damaged: u32,
     /// Writes damaged or lost, both ways.
     pub faults: u32,
-    /// Scans under way when the plug was pulled.
-    pub pulled: u32,
     /// Times without a published scan after trouble or unplugging, until the next: longest, and all together.
     pub longest_gap: Duration,
     /// Events in words, without scans.
     pub events: Vec<String>,
-    /// Start of the last session's stream.
-    pub streaming_since: Option<Instant>,
-    /// Stamps of published scans against the truth (time of the beam's sweep): largest error seen.
+    /// Stamp of the last published scan.
     pub last_stamp: Instant,
+    /// From plugging in to the next published scan, each time.
+    pub recoveries: Vec<Duration>,
+}
+
+impl RigReport {
+    /// Median and longest time from plugging in to a published scan, seconds.
+    pub fn recovery(&self) -> (f64, f64) {
+        let mut times: Vec<i64> = self.recoveries.iter().map(|time| time.micros).collect();
+        times.sort_unstable();
+        let seconds = |micros: Option<&i64>| micros.map_or(0.0, |micros| *micros as f64 / 1e6);
+        (seconds(times.get(times.len() / 2)), seconds(times.last()))
+    }
 }
 
 /// See the [module](self).
@@ -61,6 +69,7 @@ pub struct Rig<'d> {
     grain: Duration,
     remembered: VecDeque<Vec<Seen>>,
     last_published: Instant,
+    plugged_in: Option<Instant>,
     /// Host cuts bytes into pieces of this size; 0 as they come.
     pub piece: usize,
 }
@@ -85,6 +94,7 @@ impl<'d> Rig<'d> {
             grain: Duration::from_millis(5),
             remembered: VecDeque::new(),
             last_published: Instant::default(),
+            plugged_in: None,
             piece: 0,
         }
     }
@@ -176,6 +186,7 @@ impl<'d> Rig<'d> {
         }
         self.plugged = plugged;
         if plugged {
+            self.plugged_in = Some(self.now);
             self.give(Input::Connected);
         } else {
             self.cable.cut();
@@ -257,13 +268,10 @@ impl<'d> Rig<'d> {
                 self.report.longest_gap = self.report.longest_gap.max(gap);
                 self.last_published = self.now;
                 self.report.last_stamp = stamp;
+                let plugged_in = self.plugged_in.take();
+                self.report.recoveries.extend(plugged_in.map(|at| self.now.since(at)));
             }
-            Owned::Said(text) => {
-                if text.starts_with("Streaming") {
-                    self.report.streaming_since = Some(self.now);
-                }
-                self.report.events.push(text);
-            }
+            Owned::Said(text) => self.report.events.push(text),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Hardware in the loop over real pseudo-terminals at real rates: simulator and driver each on its own clock.
 //!
-//! A few seconds a model; five minutes a model: `cargo test --release -p lrfslam-tests --test hil_pty -- --ignored --nocapture`
+//! A few seconds; five minutes: `cargo test --release -p lrfslam-tests --test hil_pty -- --ignored --nocapture`
 
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
@@ -19,9 +19,6 @@ use lrfslam_firmware_sim::virtual_lrf::{Emission, VirtualLrf};
 use lrfslam_host::driver::{LrfFamily, LrfOptions};
 use lrfslam_host::live::{Item, LiveLaser, ScanSource, SourceReport, for_each_scan};
 use lrfslam_tests::oracle::{self, Seen};
-
-/// Pseudo-terminals keep real time: one test at a time, so that they do not take it from each other.
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 /// A device whose scans are noted as they leave.
 struct Noted<D> {
@@ -77,7 +74,6 @@ struct Setup<D> {
 }
 
 fn run<D: VirtualLrf>(setup: Setup<D>, record: Option<&Path>) -> Outcome {
-    let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let folder = tempfile::tempdir().unwrap();
     let link = folder.path().join("laser");
     let sent: &'static Mutex<VecDeque<Vec<Seen>>> = Box::leak(Box::default());
@@ -168,18 +164,19 @@ fn expect(name: &str, rate: f64, outcome: &Outcome) {
     assert!(outcome.source.laser_off, "{name}: {:?}", outcome.said);
 }
 
+/// All at once: each takes a few percent of a processor.
 fn all_models(seconds: f64) {
-    expect("LMS200, 500000 baud, 1 deg", 75.0, &run(sick(SickModel::lms200(), 500_000, (180, 100), seconds), None));
-    // 97 ms on the wire: every eighth turn of the mirror.
-    expect("LMS200, 38400 baud, 1 deg", 75.0 / 8.0, &run(sick(SickModel::lms200(), 38_400, (180, 100), seconds), None));
-    expect(
-        "LMS291, 500000 baud, turns of 0.5 deg",
-        75.0,
-        &run(sick(SickModel::lms291(), 500_000, (180, 50), seconds), None),
-    );
-    // 185 ms on the wire, from the end of a sweep: every second turn.
-    expect("URG-04LX, 115200 baud", 5.0, &run(urg(115_200, seconds), None));
-    expect("UTM-30LX, USB", 40.0, &run(utm(seconds), None));
+    std::thread::scope(|scope| {
+        let lms200 = |baud| run(sick(SickModel::lms200(), baud, (180, 100), seconds), None);
+        scope.spawn(move || expect("LMS200, 500000 baud, 1 deg", 75.0, &lms200(500_000)));
+        // 97 ms on the wire: every eighth turn of the mirror.
+        scope.spawn(move || expect("LMS200, 38400 baud, 1 deg", 75.0 / 8.0, &lms200(38_400)));
+        let lms291 = move || run(sick(SickModel::lms291(), 500_000, (180, 50), seconds), None);
+        scope.spawn(move || expect("LMS291, 500000 baud, turns of 0.5 deg", 75.0, &lms291()));
+        // 185 ms on the wire, from the end of a sweep: every second turn.
+        scope.spawn(move || expect("URG-04LX, 115200 baud", 5.0, &run(urg(115_200, seconds), None)));
+        scope.spawn(move || expect("UTM-30LX, USB", 40.0, &run(utm(seconds), None)));
+    });
 }
 
 #[test]
@@ -188,7 +185,7 @@ fn every_model_holds_its_rate_over_a_terminal() {
 }
 
 #[test]
-#[ignore = "25 minutes; run in release with --ignored"]
+#[ignore = "five minutes; run in release with --ignored"]
 fn every_model_holds_its_rate_over_a_terminal_for_five_minutes() {
     all_models(300.0);
 }

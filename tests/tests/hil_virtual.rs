@@ -264,7 +264,7 @@ fn fault_run(model: Model, damage: f32, unplug_s: i64, scans: u32) {
     let counters = rig.counters();
     let report = &rig.report;
     println!(
-        "{model:?} damage {damage} unplug {unplug_s} s: {} sent, {} arrived whole, {} published, {} damaged published, {} faults, {} refused, {} restarts, longest gap {:.1} s, {:.0} s",
+        "{model:?} damage {damage} unplug {unplug_s} s: {} sent, {} arrived whole, {} published, {} damaged published, {} faults, {} refused, {} restarts, longest gap {:.1} s, plugged in to scan {:.1} s median {:.1} s longest, {:.0} s",
         report.sent,
         report.whole,
         report.published,
@@ -273,6 +273,8 @@ fn fault_run(model: Model, damage: f32, unplug_s: i64, scans: u32) {
         counters.damaged,
         counters.restarts,
         seconds(report.longest_gap),
+        report.recovery().0,
+        report.recovery().1,
         rig.now.as_secs_f64(),
     );
     assert_eq!(report.damaged, 0);

@@ -34,6 +34,14 @@ pub trait Link: Send {
     /// # Errors
     /// If the port cannot do that rate, or is gone.
     fn set_baud(&mut self, baud: u32) -> io::Result<()>;
+
+    /// Sets the DTR line, which on an RPLIDAR A1's adapter stops the motor; links without one ignore it.
+    ///
+    /// # Errors
+    /// If the port is gone, or has no such line.
+    fn set_dtr(&mut self, _on: bool) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// Where a laser range finder is plugged in.

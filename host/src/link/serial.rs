@@ -68,4 +68,8 @@ impl Link for SerialLink {
         self.baud = baud;
         Ok(())
     }
+
+    fn set_dtr(&mut self, on: bool) -> io::Result<()> {
+        self.port.write_data_terminal_ready(on).map_err(io::Error::from)
+    }
 }

@@ -143,24 +143,21 @@ impl Capsule {
         let angle_q6 = (start_deg * 64.0) as u16 & 0x7FFF | u16::from(starts) << 15;
         let mut distances = distances_mm.iter().copied();
         let mut next = || distances.next().unwrap_or(0);
-        if let [_, _, low, high, cabins @ ..] = &mut bytes {
-            [*low, *high] = angle_q6.to_le_bytes();
-            let size = if dense { 2 } else { 5 };
-            for cabin in cabins.chunks_exact_mut(size) {
-                match cabin {
-                    [low, high] => [*low, *high] = next().to_le_bytes(),
-                    [a, b, c, d, _] => {
-                        [*a, *b] = (next() << 2).to_le_bytes();
-                        [*c, *d] = (next() << 2).to_le_bytes();
-                    }
-                    _ => {}
+        let [_, _, low, high, cabins @ ..] = &mut bytes;
+        [*low, *high] = angle_q6.to_le_bytes();
+        for cabin in cabins.chunks_exact_mut(if dense { 2 } else { 5 }) {
+            match cabin {
+                [low, high] => [*low, *high] = next().to_le_bytes(),
+                [a, b, c, d, _] => {
+                    [*a, *b] = (next() << 2).to_le_bytes();
+                    [*c, *d] = (next() << 2).to_le_bytes();
                 }
+                _ => {}
             }
         }
         let sum = xor(&bytes);
-        if let [first, second, ..] = &mut bytes {
-            (*first, *second) = (0xA0 | sum & 0x0F, 0x50 | sum >> 4);
-        }
+        let [first, second, ..] = &mut bytes;
+        (*first, *second) = (0xA0 | sum & 0x0F, 0x50 | sum >> 4);
         Self { bytes, dense }
     }
 
