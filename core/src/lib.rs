@@ -6,7 +6,7 @@
 //!
 //! # Layers
 //! A module uses only what stands to its left:
-//! `math, time, config | geometry | scan, grid | filter, ndt, de | matcher | laser_odometry`.
+//! `math, time, config | geometry | scan, grid | filter, ndt, de, lrf | matcher | laser_odometry`.
 //!
 //! # Data flow
 //! [`RangeScan`](scan::RangeScan) (polar) → [`filter`] → points → [`ScanMatcher`](matcher::ScanMatcher) against an
@@ -38,12 +38,17 @@
     )
 )]
 
+#[cfg(test)]
+#[macro_use]
+extern crate std;
+
 pub mod config;
 pub mod de;
 pub mod filter;
 pub mod geometry;
 pub mod grid;
 pub mod laser_odometry;
+pub mod lrf;
 pub mod matcher;
 pub mod math;
 pub mod ndt;

@@ -1,14 +1,17 @@
 //! Laser SLAM on a computer: logs in, maps and trajectories out.
 //!
 //! # Data flow
-//! [`log`] (scans of a recorded file) → mapper (poses) → [`trajectory`], [`occupancy_map`] → files; [`evaluation`]
+//! [`log`] (scans of a recorded file), or [`link`] → [`driver`] → [`live`] (scans as they come) → mapper (poses) → [`trajectory`], [`occupancy_map`] → files; [`evaluation`]
 //! compares a trajectory with ground truth.
 #![forbid(unsafe_code)]
 
 pub mod cli;
 pub mod config;
+pub mod driver;
 pub mod evaluation;
 pub mod experiment;
+pub mod link;
+pub mod live;
 pub mod log;
 pub mod map_io;
 pub mod mapper;
@@ -16,6 +19,7 @@ pub mod occupancy_map;
 pub mod output;
 pub mod picture;
 pub mod pose_f64;
+pub mod recording;
 pub mod run_report;
 pub mod table;
 pub mod text_input;

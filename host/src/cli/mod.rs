@@ -6,7 +6,12 @@
 mod config;
 mod eval;
 mod experiment;
+mod laser;
+mod live_scans;
+mod lrf;
 mod map;
+mod replay;
+mod run;
 mod summary;
 
 use std::ffi::OsString;
@@ -29,6 +34,9 @@ struct Cli {
 enum Command {
     Map(map::MapArgs),
     Eval(eval::EvalArgs),
+    Run(run::RunArgs),
+    Replay(replay::ReplayArgs),
+    Lrf(lrf::LrfArgs),
     Config(config::ConfigArgs),
     Experiment(experiment::ExperimentArgs),
 }
@@ -65,6 +73,9 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let done = match &cli.command {
         Command::Map(args) => map::run(args),
         Command::Eval(args) => eval::run(args),
+        Command::Run(args) => run::run(args),
+        Command::Replay(args) => replay::run(args),
+        Command::Lrf(args) => lrf::run(args),
         Command::Config(args) => config::run(args),
         Command::Experiment(args) => experiment::run(args),
     };

@@ -5,9 +5,12 @@
 
 mod canvas;
 mod glyphs;
+mod scan;
 
 use std::io;
 use std::path::Path;
+
+pub use self::scan::scan_png;
 
 use self::canvas::{Canvas, Rgb};
 use crate::occupancy_map::{Occupancy, Raster};

@@ -1,0 +1,423 @@
+//! Commands from host to sensor: as values, as text, and back.
+//!
+//! Source: manual, chapters 4 and 5; statuses 0A–0M also from drivers.
+
+use super::reply::Status;
+
+/// Longest command line this module emits, without line feed.
+pub const MAX_COMMAND: usize = 16;
+/// Longest string that may follow `;` in a command.
+pub const MAX_TAG: usize = 16;
+
+/// How a sensor writes each value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Encoding {
+    /// Two characters: up to 4095 mm (`S`).
+    Short,
+    /// Three characters: up to 262143 mm (`D`).
+    Long,
+    /// Three characters of range and three of intensity (`E`).
+    Intensity,
+}
+
+impl Encoding {
+    /// Characters per value.
+    pub const fn width(self) -> usize {
+        match self {
+            Encoding::Short => 2,
+            Encoding::Long => 3,
+            Encoding::Intensity => 6,
+        }
+    }
+}
+
+/// Which steps to measure, and how to write them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Acquire {
+    /// How values are written.
+    pub encoding: Encoding,
+    /// All echoes of a step instead of the first.
+    pub multi_echo: bool,
+    /// First step.
+    pub first: u16,
+    /// Last step, included.
+    pub last: u16,
+    /// Neighbouring steps merged to their minimum; 0 and 1 mean none.
+    pub cluster: u8,
+}
+
+impl Acquire {
+    /// Steps per value: at least one.
+    pub fn stride(&self) -> u16 {
+        u16::from(self.cluster).max(1)
+    }
+
+    /// Number of values if a short last cluster is dropped, and if it is sent: which one holds is not documented, take either.
+    pub fn value_counts(&self) -> (u16, u16) {
+        let steps = self.last.saturating_sub(self.first).saturating_add(1);
+        (steps / self.stride(), steps.div_ceil(self.stride()))
+    }
+}
+
+/// Argument of `TM`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TimeMode {
+    /// Enter (0).
+    Enter,
+    /// Read the clock (1).
+    Read,
+    /// Leave (2).
+    Leave,
+}
+
+/// A command of SCIP 2.x, or the one of SCIP 1.1 that leads there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Command {
+    /// `VV`: who made it.
+    Version,
+    /// `PP`: its geometry.
+    Parameters,
+    /// `II`: its state.
+    Information,
+    /// `BM`: laser on.
+    LaserOn,
+    /// `QT`: stop measuring, laser off.
+    Quit,
+    /// `RS`: laser off, motor, bit rate and clock to their defaults.
+    Reset,
+    /// `RT`: like `RS`, but keeps motor speed and bit rate.
+    ResetKeepingRate,
+    /// `RB`: sent twice within a second, reboots.
+    Reboot,
+    /// `GD`, `GS`, `GE`, `HD`, `HE`: the latest scan.
+    Get(Acquire),
+    /// `MD`, `MS`, `ME`, `ND`, `NE`: scans as they are measured.
+    Stream {
+        /// What to measure.
+        acquire: Acquire,
+        /// Revolutions dropped after each scan sent.
+        interval: u8,
+        /// Scans to send, 1..=99; 0 until stopped.
+        count: u8,
+    },
+    /// `TM0`, `TM1`, `TM2`.
+    Time(TimeMode),
+    /// `SS`: bit rate, bit/s.
+    BitRate(u32),
+    /// `CR`: motor speed, 0 default, 1..=10 slower, 99 reset.
+    MotorSpeed(u8),
+    /// `HS`: high sensitivity.
+    Sensitivity(bool),
+    /// `DB`: simulate a malfunction.
+    Malfunction(u8),
+    /// `SCIP2.0`: leave SCIP 1.1.
+    SwitchToScip2,
+    /// `%ST` (2.2): state.
+    State,
+    /// `%SL` (2.2): sleep.
+    Sleep,
+}
+
+/// Text of a command, without line feed.
+pub type CommandText = heapless::Vec<u8, MAX_COMMAND>;
+
+impl Command {
+    /// The command as text, without line feed.
+    pub fn emit(&self) -> CommandText {
+        let mut text = CommandText::new();
+        // No command is longer than MAX_COMMAND (the longest, streaming, has 15 characters), so no push can fail.
+        let mut put = |bytes: &[u8]| {
+            let _ = text.extend_from_slice(bytes);
+        };
+        match *self {
+            Command::Get(acquire) => put_acquire(&mut put, false, &acquire),
+            Command::Stream { acquire, interval, count } => {
+                put_acquire(&mut put, true, &acquire);
+                put(&digits::<1>(u32::from(interval)));
+                put(&digits::<2>(u32::from(count)));
+            }
+            Command::Time(mode) => put(match mode {
+                TimeMode::Enter => b"TM0",
+                TimeMode::Read => b"TM1",
+                TimeMode::Leave => b"TM2",
+            }),
+            Command::BitRate(rate) => {
+                put(b"SS");
+                put(&digits::<6>(rate));
+            }
+            Command::MotorSpeed(speed) => {
+                put(b"CR");
+                put(&digits::<2>(u32::from(speed)));
+            }
+            Command::Sensitivity(high) => put(if high { b"HS1" } else { b"HS0" }),
+            Command::Malfunction(kind) => {
+                put(b"DB");
+                put(&digits::<2>(u32::from(kind)));
+            }
+            Command::SwitchToScip2 => put(b"SCIP2.0"),
+            simple => put(simple.mnemonic()),
+        }
+        text
+    }
+
+    /// The letters of a command without arguments; empty for the others.
+    fn mnemonic(&self) -> &'static [u8] {
+        match self {
+            Command::Version => b"VV",
+            Command::Parameters => b"PP",
+            Command::Information => b"II",
+            Command::LaserOn => b"BM",
+            Command::Quit => b"QT",
+            Command::Reset => b"RS",
+            Command::ResetKeepingRate => b"RT",
+            Command::Reboot => b"RB",
+            Command::State => b"%ST",
+            Command::Sleep => b"%SL",
+            _ => b"",
+        }
+    }
+
+    /// Reads a command line, without line feed and without the `;string` part (see [`split_tag`]).
+    ///
+    /// # Errors
+    /// The status with which a sensor answers: `0E` undefined, `0C`/`0D` too short or long, 01..07 for arguments that are no
+    /// numbers. Whether the numbers suit the model is for the sensor to say.
+    pub fn parse(line: &[u8]) -> Result<Command, Status> {
+        let simple = [
+            Command::Version,
+            Command::Parameters,
+            Command::Information,
+            Command::LaserOn,
+            Command::Quit,
+            Command::Reset,
+            Command::ResetKeepingRate,
+            Command::Reboot,
+            Command::State,
+            Command::Sleep,
+        ];
+        if let Some(command) = simple.into_iter().find(|command| command.mnemonic() == line) {
+            return Ok(command);
+        }
+        if line == b"SCIP2.0" {
+            return Ok(Command::SwitchToScip2);
+        }
+        let (letters, arguments) = line.split_at_checked(2).ok_or(Status::UNDEFINED)?;
+        match letters {
+            b"GD" | b"GS" | b"GE" | b"HD" | b"HE" => parse_acquire(letters, arguments).map(Command::Get),
+            b"MD" | b"MS" | b"ME" | b"ND" | b"NE" => parse_stream(letters, arguments),
+            b"TM" => match arguments {
+                b"0" => Ok(Command::Time(TimeMode::Enter)),
+                b"1" => Ok(Command::Time(TimeMode::Read)),
+                b"2" => Ok(Command::Time(TimeMode::Leave)),
+                b"" => Err(Status::TOO_SHORT),
+                _ => Err(Status::code(1)),
+            },
+            b"SS" if arguments.len() < 6 => Err(Status::TOO_SHORT),
+            b"SS" => number(arguments).map(Command::BitRate).ok_or(Status::code(1)),
+            b"CR" if arguments.len() < 2 => Err(Status::TOO_SHORT),
+            b"CR" => number(arguments).and_then(narrow).map(Command::MotorSpeed).ok_or(Status::code(1)),
+            b"HS" => match arguments {
+                b"0" => Ok(Command::Sensitivity(false)),
+                b"1" => Ok(Command::Sensitivity(true)),
+                b"" => Err(Status::TOO_SHORT),
+                _ => Err(Status::code(1)),
+            },
+            b"DB" => number(arguments).and_then(narrow).map(Command::Malfunction).ok_or(Status::code(1)),
+            _ => Err(Status::UNDEFINED),
+        }
+    }
+}
+
+/// Splits `COMMAND;string` at the first semicolon; the string is `None` if there is no semicolon.
+///
+/// # Errors
+/// `0G` for a string over 16 characters, `0H` for one with a character not allowed.
+pub fn split_tag(line: &[u8]) -> Result<(&[u8], Option<&[u8]>), Status> {
+    let Some(at) = line.iter().position(|byte| *byte == b';') else {
+        return Ok((line, None));
+    };
+    let (command, tag) = line.split_at_checked(at).unwrap_or((line, b""));
+    let tag = tag.get(1..).unwrap_or(b"");
+    if tag.len() > MAX_TAG {
+        return Err(Status::TAG_TOO_LONG);
+    }
+    if !tag.iter().all(|byte| byte.is_ascii_alphanumeric() || b" ._+@".contains(byte)) {
+        return Err(Status::BAD_TAG);
+    }
+    Ok((command, Some(tag)))
+}
+
+fn put_acquire(put: &mut impl FnMut(&[u8]), stream: bool, acquire: &Acquire) {
+    put(match (stream, acquire.multi_echo) {
+        (false, false) => b"G",
+        (false, true) => b"H",
+        (true, false) => b"M",
+        (true, true) => b"N",
+    });
+    put(match acquire.encoding {
+        Encoding::Short => b"S",
+        Encoding::Long => b"D",
+        Encoding::Intensity => b"E",
+    });
+    put(&digits::<4>(u32::from(acquire.first)));
+    put(&digits::<4>(u32::from(acquire.last)));
+    put(&digits::<2>(u32::from(acquire.cluster)));
+}
+
+fn parse_acquire(letters: &[u8], arguments: &[u8]) -> Result<Acquire, Status> {
+    if arguments.len() < 10 {
+        return Err(Status::TOO_SHORT);
+    }
+    if arguments.len() > 10 {
+        return Err(Status::UNDEFINED_1);
+    }
+    let field = |from: usize, to: usize, status: u8| {
+        arguments.get(from..to).and_then(number).and_then(narrow).ok_or(Status::code(status))
+    };
+    let first = field(0, 4, 1)?;
+    let last = field(4, 8, 2)?;
+    let cluster: u16 = field(8, 10, 3)?;
+    let encoding = match letters.get(1) {
+        Some(b'S') => Encoding::Short,
+        Some(b'E') => Encoding::Intensity,
+        _ => Encoding::Long,
+    };
+    let multi_echo = matches!(letters.first(), Some(b'H' | b'N'));
+    Ok(Acquire { encoding, multi_echo, first, last, cluster: cluster as u8 })
+}
+
+fn parse_stream(letters: &[u8], arguments: &[u8]) -> Result<Command, Status> {
+    let Some((acquire, rest)) = arguments.split_at_checked(10) else {
+        return Err(Status::TOO_SHORT);
+    };
+    if rest.len() < 3 {
+        return Err(Status::TOO_SHORT);
+    }
+    if rest.len() > 3 {
+        return Err(Status::UNDEFINED_1);
+    }
+    let acquire = parse_acquire(letters, acquire)?;
+    let interval = rest.get(..1).and_then(number).and_then(narrow).ok_or(Status::code(6))?;
+    let count = rest.get(1..).and_then(number).and_then(narrow).ok_or(Status::code(7))?;
+    Ok(Command::Stream { acquire, interval, count })
+}
+
+/// `value` in exactly `N` decimal digits (higher ones are cut off).
+fn digits<const N: usize>(value: u32) -> [u8; N] {
+    let mut text = [b'0'; N];
+    let mut rest = value;
+    for digit in text.iter_mut().rev() {
+        *digit = b'0' + (rest % 10) as u8;
+        rest /= 10;
+    }
+    text
+}
+
+/// A non-empty run of up to nine decimal digits.
+fn number(text: &[u8]) -> Option<u32> {
+    if text.is_empty() || text.len() > 9 {
+        return None;
+    }
+    text.iter().try_fold(0_u32, |value, byte| byte.is_ascii_digit().then(|| value * 10 + u32::from(byte - b'0')))
+}
+
+fn narrow<T: TryFrom<u32>>(value: u32) -> Option<T> {
+    T::try_from(value).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn acquire() -> impl Strategy<Value = Acquire> {
+        let encoding = prop_oneof![Just(Encoding::Short), Just(Encoding::Long), Just(Encoding::Intensity)];
+        (encoding, any::<bool>(), 0_u16..10_000, 0_u16..10_000, 0_u8..100).prop_map(
+            |(encoding, multi_echo, first, last, cluster)| Acquire {
+                encoding,
+                // There is no two-character command with several echoes: `HS` is the sensitivity.
+                multi_echo: multi_echo && encoding != Encoding::Short,
+                first,
+                last,
+                cluster,
+            },
+        )
+    }
+
+    fn command() -> impl Strategy<Value = Command> {
+        prop_oneof![
+            Just(Command::Version),
+            Just(Command::Parameters),
+            Just(Command::Information),
+            Just(Command::LaserOn),
+            Just(Command::Quit),
+            Just(Command::Reset),
+            Just(Command::ResetKeepingRate),
+            Just(Command::Reboot),
+            Just(Command::State),
+            Just(Command::Sleep),
+            Just(Command::SwitchToScip2),
+            Just(Command::Time(TimeMode::Read)),
+            acquire().prop_map(Command::Get),
+            (acquire(), 0_u8..10, 0_u8..100).prop_map(|(acquire, interval, count)| Command::Stream {
+                acquire,
+                interval,
+                count
+            }),
+            (0_u32..1_000_000).prop_map(Command::BitRate),
+            (0_u8..100).prop_map(Command::MotorSpeed),
+            any::<bool>().prop_map(Command::Sensitivity),
+            (0_u8..100).prop_map(Command::Malfunction),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn parse_undoes_emit(command in command()) {
+            prop_assert_eq!(Command::parse(&command.emit()), Ok(command));
+        }
+
+        #[test]
+        fn any_line_is_parsed_or_refused(line in proptest::collection::vec(any::<u8>(), 0..40)) {
+            let _ = split_tag(&line).and_then(|(command, _)| Command::parse(command));
+        }
+    }
+
+    #[test]
+    fn captured_commands_are_emitted_byte_for_byte() {
+        let acquire = Acquire { encoding: Encoding::Long, multi_echo: false, first: 44, last: 725, cluster: 1 };
+        assert_eq!(Command::Get(acquire).emit(), b"GD0044072501");
+        let acquire = Acquire { encoding: Encoding::Intensity, first: 0, last: 1080, ..acquire };
+        assert_eq!(Command::Stream { acquire, interval: 1, count: 1 }.emit(), b"ME0000108001101");
+        assert_eq!(Command::BitRate(19_200).emit(), b"SS019200");
+        assert_eq!(Command::MotorSpeed(0).emit(), b"CR00");
+    }
+
+    #[test]
+    fn wrong_commands_get_the_status_of_the_manual() {
+        for (line, status) in [
+            ("XY", Status::UNDEFINED),
+            ("V", Status::UNDEFINED),
+            ("MD00", Status::TOO_SHORT),
+            ("GD00x4072501", Status::code(1)),
+            ("GD0044a72501", Status::code(2)),
+            ("GD00440725b1", Status::code(3)),
+            ("MD0044072501x00", Status::code(6)),
+            ("MD00440725010x0", Status::code(7)),
+            ("SS01920x", Status::code(1)),
+            ("TM7", Status::code(1)),
+        ] {
+            assert_eq!(Command::parse(line.as_bytes()), Err(status), "{line}");
+        }
+        assert_eq!(split_tag(b"VV;01234567890123456"), Err(Status::TAG_TOO_LONG));
+        assert_eq!(split_tag(b"VV;a-b"), Err(Status::BAD_TAG));
+        assert_eq!(split_tag(b"VV;a.b @+_"), Ok((&b"VV"[..], Some(&b"a.b @+_"[..]))));
+    }
+
+    #[test]
+    fn last_short_cluster_counts_either_way() {
+        let acquire = Acquire { encoding: Encoding::Long, multi_echo: false, first: 0, last: 9, cluster: 3 };
+        assert_eq!(acquire.value_counts(), (3, 4));
+        assert_eq!(Acquire { cluster: 0, ..acquire }.value_counts(), (10, 10));
+    }
+}

@@ -1,0 +1,224 @@
+//! From an open port to a sensor that is known, at the rate asked for, its clock compared.
+
+use super::{Ask, Session, State};
+use crate::lrf::clock::{ClockOffset, MAX_EXCHANGES, PERIOD_24_BIT_MS, Stamp, StampUnwrapper};
+use crate::lrf::driver::{BaudPolicy, BaudRates, Cause, Identity, Patience, Pending, Step, Trouble};
+use crate::lrf::hokuyo_scip::command::Acquire;
+use crate::lrf::hokuyo_scip::parameters::{SensorParameters, cut};
+use crate::lrf::hokuyo_scip::reply::{Reply, Status};
+use crate::time::{Duration, Instant};
+
+/// Rates of the `SS` command, the power-up rate first.
+const RATES: [u32; 7] = [19_200, 115_200, 57_600, 38_400, 250_000, 500_000, 750_000];
+/// Silence after which a line is called quiet: longer than a turn of the slowest motor.
+const QUIET: Duration = Duration::from_millis(140);
+/// A streaming sensor is never quiet: then `QT` goes out all the same.
+const QUIET_AT_MOST: Duration = Duration::from_millis(300);
+/// A sensor switches after its reply is out; drivers wait at least 150 ms.
+const SETTLE: Duration = Duration::from_millis(200);
+/// Attempts to lead a sensor out of SCIP 1.1 or time mode at one rate.
+const MAX_DETOURS: u8 = 3;
+
+impl Session<'_> {
+    pub(super) fn on_connected(&mut self, now: Instant) {
+        self.raise_failures = 0;
+        self.back_off.reset();
+        self.find(now);
+    }
+
+    pub(super) fn on_disconnected(&mut self) {
+        if self.state == State::Idle {
+            return;
+        }
+        let trouble = Trouble {
+            step: Step::Port,
+            cause: Cause::Unplugged,
+            sent: "",
+            tried: BaudRates::default(),
+            retry_in: Duration::ZERO,
+        };
+        self.outbox.push(Pending::Trouble(trouble));
+        self.state = State::Idle;
+        self.patience = Patience::FOREVER;
+    }
+
+    /// Begins to look, at the rate most likely.
+    pub(super) fn find(&mut self, now: Instant) {
+        self.rates = match self.config.baud {
+            BaudPolicy::NoRate => BaudRates::default(),
+            policy => BaudRates::new([self.last_good_baud, policy.wanted()].into_iter().chain(RATES)),
+        };
+        self.rate_index = 0;
+        self.is_usb = false;
+        self.stamps = StampUnwrapper::new(PERIOD_24_BIT_MS);
+        self.offset = ClockOffset::default();
+        self.flush(now);
+    }
+
+    /// Ends half a command, and listens until it is quiet.
+    fn flush(&mut self, now: Instant) {
+        if let Some(rate) = self.rates.get(self.rate_index) {
+            self.baud = rate;
+            self.outbox.push(Pending::SetBaud(rate));
+        }
+        self.outbox.transmit(b"\n");
+        self.noise = Default::default();
+        self.detours = 0;
+        self.state = State::Flush;
+        self.patience = Patience::new(now, QUIET, QUIET_AT_MOST);
+    }
+
+    fn try_next_rate(&mut self, now: Instant) {
+        self.rate_index += 1;
+        if self.rates.get(self.rate_index).is_some() {
+            self.flush(now);
+        } else {
+            self.restart(now, Step::Find, Cause::NoReply, Ask::Quit.text());
+        }
+    }
+
+    pub(super) fn on_bytes(&mut self, now: Instant, bytes: &[u8]) {
+        match self.state {
+            State::Flush => self.patience.put_off(now, QUIET),
+            State::Asking(Ask::Quit) => {
+                self.noise.add(bytes);
+                if self.noise.is_wrong_rate() {
+                    return self.try_next_rate(now);
+                }
+                self.patience.put_off(now, Duration::from_millis(250));
+            }
+            State::Asking(_) => self.patience.put_off(now, Duration::from_millis(250)),
+            _ => {}
+        }
+    }
+
+    pub(super) fn on_reply(&mut self, now: Instant, ask: Ask, reply: &Reply<'_>) {
+        let refused = Cause::Refused(reply.status.bytes());
+        match ask {
+            Ask::Quit => self.on_quit(now, reply.status),
+            Ask::SwitchToScip2 | Ask::LeaveTime => self.ask(now, Ask::Quit),
+            Ask::Version => self.on_version(now, reply),
+            Ask::Parameters => self.on_parameters(now, reply),
+            Ask::Information => self.on_information(now, reply),
+            Ask::Rate => self.on_rate(now, reply.status),
+            Ask::VerifyRate => self.compare_clocks(now),
+            Ask::EnterTime if matches!(reply.status.number(), Some(0 | 2)) => self.ask(now, Ask::ReadTime),
+            Ask::ReadTime => self.on_time(now, reply),
+            Ask::EnterTime | Ask::EndTime => self.ask(now, Ask::LaserOn),
+            Ask::LaserOn if reply.status == Status::code(1) => {
+                self.restart(now, Step::Start, Cause::HardwareFault(reply.status.bytes()), ask.text());
+            }
+            Ask::LaserOn => self.ask(now, Ask::Stream),
+            Ask::Stream if reply.status == Status::OK => self.begin_streaming(now),
+            Ask::Stream if reply.status == Status::SCAN => self.on_scan(now, reply),
+            Ask::Stream => self.restart(now, Step::Start, refused, ask.text()),
+            Ask::Stop => self.stopped(true),
+        }
+    }
+
+    pub(super) fn on_no_reply(&mut self, now: Instant, ask: Ask) {
+        match ask {
+            Ask::Quit | Ask::SwitchToScip2 | Ask::LeaveTime => self.try_next_rate(now),
+            Ask::Rate | Ask::VerifyRate => {
+                self.raise_failures += 1;
+                self.restart(now, Step::RaiseBaud, Cause::NoReply, ask.text());
+            }
+            // Not every model has a clock to read.
+            Ask::EnterTime | Ask::ReadTime => self.ask(now, Ask::EndTime),
+            Ask::EndTime => self.ask(now, Ask::LaserOn),
+            Ask::Stop => self.stopped(false),
+            _ => self.restart(now, ask.step(), Cause::NoReply, ask.text()),
+        }
+    }
+
+    /// `00` is SCIP 2; one character is SCIP 1.1; `0E` is time mode, in which a URG-04LX knows no `QT`.
+    fn on_quit(&mut self, now: Instant, status: Status) {
+        if status == Status::OK {
+            self.last_good_baud = self.baud;
+            self.outbox.push(Pending::Found(self.baud));
+            return self.ask(now, Ask::Version);
+        }
+        self.detours += 1;
+        if self.detours > MAX_DETOURS {
+            return self.restart(now, Step::Find, Cause::Refused(status.bytes()), Ask::Quit.text());
+        }
+        self.ask(now, if status.is_scip1() { Ask::SwitchToScip2 } else { Ask::LeaveTime });
+    }
+
+    fn on_version(&mut self, now: Instant, reply: &Reply<'_>) {
+        self.identity = Identity::default();
+        for line in reply.info() {
+            match line.key {
+                "PROD" => self.identity.model = cut(line.value),
+                "FIRM" => self.identity.firmware = cut(line.value),
+                "SERI" => self.identity.serial = cut(line.value),
+                _ => {}
+            }
+        }
+        self.ask(now, Ask::Parameters);
+    }
+
+    fn on_parameters(&mut self, now: Instant, reply: &Reply<'_>) {
+        let damaged = reply.info().any(|line| !line.sum_is_right);
+        // A wrong sum may be the sensor's own habit: ask again, and in the end take it.
+        if damaged && self.attempts_left > 0 {
+            return;
+        }
+        let Some(parameters) = SensorParameters::parse(reply) else {
+            return self.restart(now, Step::Identify, Cause::BadParameters, Ask::Parameters.text());
+        };
+        let full = parameters.full_view();
+        let (first, last) = self.config.steps.unwrap_or((full.first, full.last));
+        self.acquire = Acquire { encoding: self.config.encoding, first, last, cluster: self.config.cluster, ..full };
+        self.identity.model = parameters.model.clone();
+        self.identity.angle_min_rad = parameters.bearing_rad(f32::from(first));
+        self.identity.angle_max_rad = parameters.bearing_rad(f32::from(last));
+        self.identity.beams = self.acquire.value_counts().0;
+        self.identity.turn = parameters.turn();
+        self.identity.range_max_m = parameters.distance_max_mm as f32 / 1000.0;
+        self.parameters = Some(parameters);
+        self.ask(now, Ask::Information);
+    }
+
+    fn on_information(&mut self, now: Instant, reply: &Reply<'_>) {
+        for line in reply.info() {
+            match line.key {
+                "STAT" => self.identity.state = cut(line.value),
+                "SBPS" => self.is_usb = line.value.contains("USB"),
+                _ => {}
+            }
+        }
+        self.outbox.push(Pending::Identified);
+        let change = !self.is_usb && self.config.baud.wants_change(self.baud) && self.raise_failures < 2;
+        if change { self.ask(now, Ask::Rate) } else { self.compare_clocks(now) }
+    }
+
+    fn on_rate(&mut self, now: Instant, status: Status) {
+        if status != Status::OK {
+            // 03: it has that rate already; 04, 0F, 0E: this model cannot. Go on at the rate found.
+            if status != Status::code(3) {
+                self.raise_failures = u8::MAX;
+            }
+            return self.compare_clocks(now);
+        }
+        self.baud = self.config.baud.wanted();
+        self.outbox.push(Pending::SetBaud(self.baud));
+        self.state = State::Settle;
+        self.patience = Patience::new(now, SETTLE, SETTLE);
+    }
+
+    fn compare_clocks(&mut self, now: Instant) {
+        self.last_good_baud = self.baud;
+        self.ask(now, Ask::EnterTime);
+    }
+
+    fn on_time(&mut self, now: Instant, reply: &Reply<'_>) {
+        let stamp = reply.stamp_ms().ok().filter(|_| reply.status == Status::OK);
+        let Some(Stamp::At(stamp_ms)) = stamp.map(|stamp| self.stamps.unwrap(stamp)) else {
+            return self.ask(now, Ask::EndTime);
+        };
+        self.offset.add_exchange(self.sent_at, now, stamp_ms);
+        let done = self.offset.exchanges() >= MAX_EXCHANGES;
+        self.ask(now, if done { Ask::EndTime } else { Ask::ReadTime });
+    }
+}

@@ -1,0 +1,123 @@
+//! What motion does to a scan: the speeds a laser's rate allows, and the correction of each beam for the motion during
+//! the sweep.
+
+use crate::geometry::{Point2, Pose2};
+use crate::scan::RangeScan;
+use crate::time::Duration;
+
+/// Fastest motion at which a scan may be taken as a snapshot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpeedLimits {
+    /// m/s.
+    pub linear_mps: f32,
+    /// rad/s.
+    pub angular_radps: f32,
+}
+
+/// How far a motion exceeds the limits; 1 is just at the limit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpeedExcess {
+    /// Speed of the laser over the limit.
+    pub linear: f32,
+    /// Turn rate of the laser over the limit.
+    pub angular: f32,
+}
+
+impl SpeedLimits {
+    /// Limits for scans that take `period` each, with at most `error_m` and `error_rad` of motion within one.
+    ///
+    /// * `period` — of one mirror turn, or of a whole interlaced scan if its turns are used together; not positive gives no limit
+    ///
+    /// Source: thesis, eq. (4.44) v = εt·f and (4.45) ω = εr·f. Its example: 75 Hz, 5 mm and 0.25° give 0.375 m/s and 0.327 rad/s.
+    pub fn new(period: Duration, error_m: f32, error_rad: f32) -> Self {
+        let seconds = period.as_secs_f32();
+        if seconds <= 0.0 {
+            return Self { linear_mps: f32::INFINITY, angular_radps: f32::INFINITY };
+        }
+        Self { linear_mps: error_m / seconds, angular_radps: error_rad / seconds }
+    }
+
+    /// By how much the motion `displacement` *of the laser* in `dt` exceeds the limits; `None` if it does not, or if `dt` is not
+    /// positive.
+    pub fn exceeded_by(&self, displacement: Pose2, dt: Duration) -> Option<SpeedExcess> {
+        let seconds = dt.as_secs_f32();
+        if seconds <= 0.0 {
+            return None;
+        }
+        let linear = displacement.position().norm() / seconds / self.linear_mps;
+        let angular = displacement.heading.abs() / seconds / self.angular_radps;
+        (linear > 1.0 || angular > 1.0).then_some(SpeedExcess { linear, angular })
+    }
+}
+
+/// Where the hits of `scan` are in the laser's frame at the scan's stamp, if the laser moves by `displacement` every `dt` at a constant
+/// velocity: calls `point` with the beam's index and its end point, for every hit.
+///
+/// The pose at a beam's offset is `displacement` scaled: position and heading each linear in time, which within one sweep
+/// differs from the arc by less than v·ω·t²/2 (0.3 mm at 1 m/s, 1 rad/s, 25 ms). With `dt` not positive, or no motion, the points are those of
+/// the beams.
+pub fn deskew(scan: &RangeScan<'_>, displacement: Pose2, dt: Duration, mut point: impl FnMut(usize, Point2)) {
+    let seconds = dt.as_secs_f32();
+    let scale = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
+    for (index, beam) in scan.beams.iter().enumerate() {
+        let Some(hit_in_lrf) = beam.hit_in_lrf() else {
+            continue;
+        };
+        let part = beam.offset.as_secs_f32() * scale;
+        let stamp_from_beam = Pose2::new(displacement.x * part, displacement.y * part, displacement.heading * part);
+        point(index, stamp_from_beam.transform(hit_in_lrf));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::{Beam, Echo};
+    use crate::time::Instant;
+    use std::vec::Vec;
+
+    #[test]
+    fn limits_are_those_of_the_thesis() {
+        let limits = SpeedLimits::new(Duration::from_micros(13_333), 0.005, 0.25_f32.to_radians());
+        assert!((limits.linear_mps - 0.375).abs() < 1e-3 && (limits.angular_radps - 0.327).abs() < 1e-3);
+        let second = Duration::from_millis(1000);
+        assert_eq!(limits.exceeded_by(Pose2::new(0.3, 0.0, 0.3), second), None);
+        let excess = limits.exceeded_by(Pose2::new(0.75, 0.0, 0.0), second).unwrap();
+        assert!((excess.linear - 2.0).abs() < 1e-3 && excess.angular == 0.0);
+        assert_eq!(limits.exceeded_by(Pose2::new(9.0, 0.0, 0.0), Duration::ZERO), None);
+    }
+
+    /// A laser that drives along a straight wall 2 m to its left, and turns: the wall comes out straight.
+    #[test]
+    fn wall_seen_on_the_move_comes_out_straight() {
+        let dt = Duration::from_millis(100);
+        let motion = Pose2::new(0.1, 0.0, 0.2);
+        let beams: Vec<Beam> = (0..60)
+            .map(|index| {
+                let offset = Duration::from_micros(index * 1500);
+                let part = offset.as_secs_f32() / dt.as_secs_f32();
+                let (bearing_rad, heading) = (0.8 + 0.02 * index as f32, motion.heading * part);
+                let range = 2.0 / libm::sinf(bearing_rad + heading);
+                Beam { bearing_rad, offset, echo: Echo::Hit(range) }
+            })
+            .collect();
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 30.0, beams: &beams };
+        let worst = |displacement| {
+            let mut worst = 0.0_f32;
+            deskew(&scan, displacement, dt, |_, point| worst = worst.max((point.y - 2.0).abs()));
+            worst
+        };
+        assert!(worst(motion) < 1e-4, "{}", worst(motion));
+        assert!(worst(Pose2::IDENTITY) > 0.1);
+    }
+
+    #[test]
+    fn misses_are_left_out() {
+        let beam = |echo| Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo };
+        let beams = [beam(Echo::Miss), beam(Echo::Hit(1.0)), beam(Echo::Invalid)];
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+        let mut indices = Vec::new();
+        deskew(&scan, Pose2::IDENTITY, Duration::ZERO, |index, _| indices.push(index));
+        assert_eq!(indices, [1]);
+    }
+}

@@ -1,0 +1,116 @@
+//! `lrf-sim`: a laser range finder on a pseudo-terminal, for drivers that want a serial port.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, Result};
+use clap::{Parser, ValueEnum};
+use lrfslam_core::lrf::sick_lms::Variant;
+use lrfslam_core::time::Instant;
+use lrfslam_firmware_sim::fault::FaultPlan;
+use lrfslam_firmware_sim::pty;
+use lrfslam_firmware_sim::scene::FlatWorld;
+use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
+use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
+use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
+
+/// Serves a simulated laser range finder on a pseudo-terminal that drivers cannot tell from a real one.
+#[derive(Debug, Parser)]
+#[command(name = "lrf-sim", version)]
+struct Arguments {
+    /// Which sensor
+    #[arg(long, value_enum)]
+    model: Model,
+    /// Name under which the port appears (a symbolic link)
+    #[arg(long)]
+    link: PathBuf,
+    /// World file with walls and a moving robot; a room if not given
+    #[arg(long)]
+    world: Option<PathBuf>,
+    /// Baud rate that the sensor has at first, instead of its power-up rate
+    #[arg(long)]
+    baud: Option<u32>,
+    /// SICK: field of view and resolution in degrees, such as 180/0.5
+    #[arg(long, value_parser = parse_variant)]
+    variant: Option<Variant>,
+    /// Faults of the line, such as damage=0.01,unplug=20 (chance per write, seconds)
+    #[arg(long, default_value = "none", value_parser = FaultPlan::parse)]
+    fault: FaultPlan,
+    /// Power comes on at the start, so that the sensor boots first (15 s for a SICK)
+    #[arg(long)]
+    boot: bool,
+    /// Seed of the sensor's errors and the line's faults
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Model {
+    #[value(name = "lms200")]
+    Lms200,
+    #[value(name = "lms291")]
+    Lms291,
+    #[value(name = "urg-04lx")]
+    Urg04lx,
+    #[value(name = "utm-30lx")]
+    Utm30lx,
+}
+
+fn parse_variant(text: &str) -> Result<Variant, String> {
+    let expected = || format!("{text}: expected 180/1, 180/0.5, 100/1, 100/0.5 or 100/0.25");
+    let (angle, resolution) = text.split_once('/').ok_or_else(expected)?;
+    let angle_deg = angle.parse().map_err(|_| expected())?;
+    let resolution: f64 = resolution.parse().map_err(|_| expected())?;
+    let variant = Variant { angle_deg, resolution_cdeg: (resolution * 100.0).round() as u16 };
+    if variant.is_possible() { Ok(variant) } else { Err(expected()) }
+}
+
+fn main() -> Result<()> {
+    let arguments = Arguments::parse();
+    let mut device = build(&arguments)?;
+    if arguments.boot {
+        device.power_on(Instant::default());
+    }
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = stop.clone();
+    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("catching ctrl-C")?;
+    eprintln!(
+        "{} at {}; ctrl-C ends",
+        arguments.model.to_possible_value().map_or(String::new(), |v| v.get_name().to_owned()),
+        arguments.link.display()
+    );
+    let report = pty::serve(device.as_mut(), &arguments.link, arguments.fault, arguments.seed, &stop)?;
+    eprintln!("{} writes, {} damaged or lost, {} bytes not taken", report.writes, report.faults, report.dropped);
+    Ok(())
+}
+
+fn build(arguments: &Arguments) -> Result<Box<dyn VirtualLrf>> {
+    let world = match &arguments.world {
+        None => FlatWorld::room(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
+            FlatWorld::from_toml(&text).with_context(|| format!("in {}", path.display()))?
+        }
+    };
+    let scene = Box::new(world);
+    Ok(match arguments.model {
+        Model::Lms200 | Model::Lms291 => {
+            let model = if arguments.model == Model::Lms200 { SickModel::lms200() } else { SickModel::lms291() };
+            let model = match arguments.variant {
+                Some(variant) => model.with_variant(variant),
+                None => model,
+            };
+            let mut device = VirtualSick::new(model, scene, arguments.seed);
+            arguments.baud.into_iter().for_each(|baud| device.set_baud(baud));
+            Box::new(device)
+        }
+        Model::Urg04lx | Model::Utm30lx => {
+            let model =
+                if arguments.model == Model::Urg04lx { HokuyoModel::urg_04lx() } else { HokuyoModel::utm_30lx() };
+            let mut device = VirtualHokuyo::new(model, scene, arguments.seed);
+            arguments.baud.into_iter().for_each(|baud| device.set_baud(baud));
+            Box::new(device)
+        }
+    })
+}

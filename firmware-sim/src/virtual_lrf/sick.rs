@@ -1,0 +1,214 @@
+//! SICK LMS200 and LMS291.
+//!
+//! Source: manual, drivers, as cited in `lrfslam_core::lrf::sick_lms`. Chosen where nothing is settled: half a telegram is dropped after
+//! 150 ms of silence; requests that are not allowed now are answered with 92; no telegram index follows the values.
+
+mod requests;
+mod scan;
+mod status;
+
+use lrfslam_core::lrf::driver::NEVER;
+use lrfslam_core::lrf::sick_lms::request::PASSWORD;
+use lrfslam_core::lrf::sick_lms::telegram::{self, ACK, Direction, Head, NAK};
+use lrfslam_core::lrf::sick_lms::{ConfigBlock, OperatingMode, Request, Unit, Variant};
+use lrfslam_core::time::{Duration, Instant};
+
+use super::{Emission, Line, RangeError, VirtualLrf};
+use crate::scene::Scene;
+
+/// After this silence half a telegram is forgotten.
+const ABORT: Duration = Duration::from_millis(150);
+/// From the end of a request to its ACK.
+const ACK_DELAY: Duration = Duration::from_millis(2);
+
+/// What tells the models apart.
+#[derive(Debug, Clone)]
+pub struct SickModel {
+    /// 21 characters: what 90 and BA say.
+    type_text: &'static [u8; 21],
+    software: &'static [u8; 7],
+    config: ConfigBlock,
+    variant: Variant,
+    /// From power-on or reset to the power-on telegram: 15 to 35 s.
+    boot: Duration,
+    sigma_m: f32,
+    failure_rate: f32,
+}
+
+impl SickModel {
+    /// LMS200-30106: mm, 8 m, 180° by 0.5°.
+    pub fn lms200() -> Self {
+        Self {
+            type_text: b"LMS200;301063;V02.30 ",
+            software: b"V02.30 ",
+            config: ConfigBlock::new(34),
+            variant: Variant::DEG_180_BY_HALF,
+            boot: Duration::from_millis(15_000),
+            sigma_m: 0.005,
+            failure_rate: 0.002,
+        }
+    }
+
+    /// LMS291-S05: cm, 80 m, 180° by 0.5°.
+    pub fn lms291() -> Self {
+        let mut config = ConfigBlock::new(34);
+        config.set_unit(Unit::Centimetre);
+        Self { type_text: b"LMS291;S05   ;X01.27 ", software: b"X01.27 ", config, sigma_m: 0.01, ..Self::lms200() }
+    }
+
+    /// The same with the configuration block of older firmware, 32 bytes.
+    pub fn with_old_firmware(mut self) -> Self {
+        let mut block = ConfigBlock::new(32);
+        block.set_unit(self.config.unit().unwrap_or(Unit::Millimetre));
+        self.config = block;
+        self
+    }
+
+    /// The same with another field of view.
+    pub fn with_variant(self, variant: Variant) -> Self {
+        Self { variant, ..self }
+    }
+}
+
+/// A virtual LMS2xx.
+pub struct VirtualSick {
+    model: SickModel,
+    scene: Box<dyn Scene>,
+    error: RangeError,
+    line: Line,
+
+    booting_until: Option<Instant>,
+    mode: OperatingMode,
+    variant: Variant,
+    config: ConfigBlock,
+    /// The rate that power-on restores, if one was made permanent.
+    permanent_baud: Option<u32>,
+
+    incoming: Vec<u8>,
+    last_byte_at: Instant,
+    /// Groups of mirror turns that were measured, or let pass.
+    next_group: i64,
+    /// A single scan is wanted (30 01).
+    single: bool,
+    telegrams: u8,
+}
+
+impl VirtualSick {
+    /// A sensor that has been on for long; `seed` decides its errors.
+    pub fn new(model: SickModel, scene: Box<dyn Scene>, seed: u64) -> Self {
+        Self {
+            scene,
+            error: RangeError::new(seed, model.sigma_m, model.failure_rate),
+            line: Line::new(Some(9600)),
+            booting_until: None,
+            mode: OperatingMode::OnRequest,
+            variant: model.variant,
+            config: model.config.clone(),
+            permanent_baud: None,
+            incoming: Vec::new(),
+            last_byte_at: Instant::default(),
+            next_group: 0,
+            single: false,
+            telegrams: 0,
+            model,
+        }
+    }
+
+    /// Sets the rate as another host may have left it.
+    pub fn set_baud(&mut self, baud: u32) {
+        self.line = Line::new(Some(baud));
+    }
+
+    /// Sets the operating mode as another host may have left it.
+    pub fn set_mode(&mut self, mode: OperatingMode) {
+        self.mode = mode;
+    }
+
+    /// Sends a payload with the status byte appended, as a telegram, at `at` or when the line is free.
+    fn send(&mut self, at: Instant, payload: &[u8]) {
+        let with_status = [payload, &[0x10]].concat();
+        let mut out = [0; telegram::MAX_TELEGRAM];
+        if let Ok(length) = telegram::emit(Direction::ToHost, &with_status, &mut out) {
+            self.line.send(at, out[..length].to_vec());
+        }
+    }
+
+    /// Takes telegrams out of what came in. One with a wrong sum is answered with NAK.
+    fn take_telegrams(&mut self, now: Instant) {
+        loop {
+            match telegram::check(Direction::ToSensor, &self.incoming) {
+                Head::Partial => return,
+                Head::Whole(length) => {
+                    let whole: Vec<u8> = self.incoming.drain(..length).collect();
+                    self.line.send(now + ACK_DELAY, vec![ACK]);
+                    self.obey(now, &Request::parse(telegram::payload(&whole)));
+                }
+                Head::No => {
+                    if self.incoming.len() > telegram::OVERHEAD && self.incoming.starts_with(&[0x02, 0x00]) {
+                        self.line.send(now + ACK_DELAY, vec![NAK]);
+                        self.incoming.clear();
+                    }
+                    let next = self.incoming.iter().skip(1).position(|byte| *byte == telegram::STX);
+                    self.incoming.drain(..next.map_or(self.incoming.len(), |at| at + 1));
+                }
+            }
+            if self.incoming.is_empty() {
+                return;
+            }
+        }
+    }
+
+    fn is_streaming(&self) -> bool {
+        !matches!(self.mode, OperatingMode::OnRequest | OperatingMode::Installation(_))
+    }
+}
+
+impl VirtualLrf for VirtualSick {
+    fn power_on(&mut self, now: Instant) {
+        self.booting_until = Some(now + self.model.boot);
+        self.mode = OperatingMode::OnRequest;
+        self.single = false;
+        self.incoming.clear();
+        self.line.reset(now, Some(self.permanent_baud.unwrap_or(9600)));
+    }
+
+    fn receive(&mut self, now: Instant, bytes: &[u8]) {
+        if self.booting_until.is_some() {
+            return;
+        }
+        if now.since(self.last_byte_at) > ABORT {
+            self.incoming.clear();
+        }
+        self.last_byte_at = now;
+        self.incoming.extend(bytes);
+        self.take_telegrams(now);
+    }
+
+    fn timeout(&mut self, now: Instant) {
+        if self.booting_until.is_some_and(|until| until <= now) {
+            self.booting_until = None;
+            self.send(now, &[&[0x90][..], self.model.type_text].concat());
+        }
+        while self.scan_due().is_some_and(|due| due <= now) {
+            self.finish_group(now);
+        }
+    }
+
+    fn poll(&mut self) -> Option<Emission> {
+        self.line.poll()
+    }
+
+    fn deadline(&self) -> Instant {
+        self.booting_until.or_else(|| self.scan_due()).unwrap_or(NEVER)
+    }
+
+    fn baud(&self, now: Instant) -> Option<u32> {
+        self.line.baud(now)
+    }
+}
+
+/// The password that the virtual sensors have.
+const INSTALLATION_PASSWORD: [u8; 8] = PASSWORD;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,102 @@
+//! Answers to requests.
+
+use lrfslam_core::lrf::sick_lms::telegram::MAX_PAYLOAD;
+use lrfslam_core::lrf::sick_lms::{OperatingMode, Request, Variant};
+use lrfslam_core::time::{Duration, Instant};
+
+use super::{INSTALLATION_PASSWORD, VirtualSick};
+
+/// From a request to its reply, most of them.
+const REPLY: Duration = Duration::from_millis(10);
+/// A change of operating mode.
+const MODE_CHANGE: Duration = Duration::from_millis(60);
+/// A configuration goes to flash.
+const FLASH: Duration = Duration::from_millis(3000);
+
+impl VirtualSick {
+    pub(super) fn obey(&mut self, now: Instant, request: &Request) {
+        let at = now + REPLY;
+        match request {
+            Request::Reset => {
+                self.send(at, &[0x91]);
+                self.reset(now);
+            }
+            Request::Mode(mode) => self.change_mode(now, *mode),
+            Request::Scan => self.single = true,
+            Request::Status => {
+                let report = self.status_report(now);
+                self.send(at, &report);
+            }
+            Request::Errors => self.send(at, &[0xB2]),
+            Request::Type => self.send(at, &[&[0xBA][..], self.model.type_text].concat()),
+            Request::Variant(variant) => self.set_variant(now, *variant),
+            Request::PermanentBaud(on) if self.is_installing() => {
+                self.permanent_baud = self.line.baud(now).filter(|_| *on);
+                self.send(now + FLASH, &[0xE6, 0x00]);
+            }
+            Request::GetConfig => self.send(at, &[&[0xF4][..], self.config.bytes()].concat()),
+            Request::SetConfig(block) if self.is_installing() => {
+                self.config.overlay(block);
+                self.send(now + FLASH, &[&[0xF7, 0x01][..], self.config.bytes()].concat());
+            }
+            Request::PermanentBaud(_) | Request::SetConfig(_) | Request::Unknown(_) => self.send(at, &[0x92]),
+        }
+    }
+
+    pub(super) fn is_installing(&self) -> bool {
+        matches!(self.mode, OperatingMode::Installation(_))
+    }
+
+    /// Says 91 at the old rate, then is away until it has booted.
+    fn reset(&mut self, now: Instant) {
+        let rate = self.permanent_baud.unwrap_or(9600);
+        self.line.change_rate(rate);
+        self.booting_until = Some(now + self.model.boot);
+        self.mode = OperatingMode::OnRequest;
+        self.single = false;
+        self.incoming.clear();
+    }
+
+    fn change_mode(&mut self, now: Instant, mode: OperatingMode) {
+        let at = now + MODE_CHANGE;
+        match mode {
+            OperatingMode::Installation(password) if password != INSTALLATION_PASSWORD => self.send(at, &[0xA0, 0x01]),
+            OperatingMode::Other(_) => self.send(at, &[0x92]),
+            mode if !self.can_stream(mode) => self.send(at, &[0xA0, 0x02]),
+            OperatingMode::Baud(rate) => {
+                self.send(at, &[0xA0, 0x00]);
+                self.line.change_rate(rate);
+            }
+            mode => {
+                self.mode = mode;
+                self.send(at, &[0xA0, 0x00]);
+                self.skip_to(at);
+            }
+        }
+    }
+
+    /// True if the values asked for exist, and fit into a telegram.
+    fn can_stream(&self, mode: OperatingMode) -> bool {
+        let values = self.variant.values();
+        let exist = |first: u16, last: u16| first >= 1 && first <= last && last <= values;
+        match mode {
+            OperatingMode::StreamSubrange(first, last) => exist(first, last),
+            OperatingMode::StreamReflectivity(first, last) => {
+                exist(first, last) && 2 * values + (last - first) + 12 <= MAX_PAYLOAD as u16
+            }
+            OperatingMode::StreamRemission => 4 * values + 5 <= MAX_PAYLOAD as u16,
+            _ => true,
+        }
+    }
+
+    fn set_variant(&mut self, now: Instant, variant: Variant) {
+        let taken = variant.is_possible();
+        if taken {
+            self.variant = variant;
+            self.skip_to(now);
+        }
+        let [a, b] = self.variant.angle_deg.to_le_bytes();
+        let [c, d] = self.variant.resolution_cdeg.to_le_bytes();
+        self.send(now + MODE_CHANGE, &[0xBB, u8::from(taken), a, b, c, d]);
+    }
+}

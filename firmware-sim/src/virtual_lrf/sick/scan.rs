@@ -1,0 +1,168 @@
+//! Scans: what the scene holds, as telegrams, at 75 mirror turns a second.
+
+use lrfslam_core::lrf::sick_lms::measurement::{ValueFormat, count_word};
+use lrfslam_core::lrf::sick_lms::{OperatingMode, Unit};
+use lrfslam_core::time::{Duration, Instant};
+
+use super::VirtualSick;
+
+/// Mirror turns per second.
+const TURNS_PER_SECOND: i64 = 75;
+
+/// When turn `turn` of the mirror passes 0° of the sensor's own scale.
+fn turn_start(turn: i64) -> Instant {
+    Instant::from_micros(turn * 1_000_000 / TURNS_PER_SECOND)
+}
+
+impl VirtualSick {
+    /// Turns that make one telegram.
+    fn group_turns(&self) -> i64 {
+        let scan = i64::from(self.variant.turns());
+        match self.mode {
+            OperatingMode::StreamPartial if !self.single => 1,
+            OperatingMode::StreamMean(scans) if !self.single => scan * i64::from(scans.max(1)),
+            _ => scan,
+        }
+    }
+
+    /// When the last sweep of the next group is complete, if it is wanted.
+    pub(super) fn scan_due(&self) -> Option<Instant> {
+        if !self.single && !self.is_streaming() {
+            return None;
+        }
+        let last = (self.next_group + 1) * self.group_turns() - 1;
+        Some(turn_start(last) + self.sweep())
+    }
+
+    /// Time from 0° to the last beam.
+    fn sweep(&self) -> Duration {
+        let end_deg = i64::from(self.variant.start_deg() + self.variant.angle_deg);
+        Duration::from_micros(1_000_000 / TURNS_PER_SECOND * end_deg / 360)
+    }
+
+    /// Lets pass all groups that begin before `at`.
+    pub(super) fn skip_to(&mut self, at: Instant) {
+        let turn = at.micros * TURNS_PER_SECOND / 1_000_000 + 1;
+        self.next_group = turn.div_euclid(self.group_turns()) + 1;
+    }
+
+    /// A group of turns is complete: it goes out if the line is free; a sensor does not queue.
+    pub(super) fn finish_group(&mut self, now: Instant) {
+        let first_turn = self.next_group * self.group_turns();
+        self.next_group += 1;
+        if !self.line.is_free(now) {
+            return;
+        }
+        let payload = self.payload(first_turn);
+        if std::mem::take(&mut self.single) {
+            self.skip_to(now);
+        }
+        self.send(now, &payload);
+    }
+
+    fn payload(&mut self, first_turn: i64) -> Vec<u8> {
+        let mode = if self.single { OperatingMode::StreamAll } else { self.mode };
+        let unit = self.config.unit().unwrap_or(Unit::Centimetre);
+        let word = |count: usize, turn: Option<u8>| count_word(count as u16, unit, turn).to_le_bytes();
+        match mode {
+            OperatingMode::StreamPartial => {
+                let turns = i64::from(self.variant.turns());
+                let index = first_turn.rem_euclid(turns) as u16;
+                let values = self.measure_turn(first_turn, index);
+                let quarter = (index * self.variant.resolution_cdeg / 25) as u8;
+                self.finish(vec![0xB0], word(values.len(), Some(quarter)), &values)
+            }
+            OperatingMode::StreamMean(scans) => {
+                let values = self.measure_mean(first_turn, scans.max(1));
+                self.finish(vec![0xB6, scans], word(values.len(), None), &values)
+            }
+            OperatingMode::StreamSubrange(first, last) => {
+                let all = self.measure(first_turn);
+                let values = &all[usize::from(first) - 1..usize::from(last).min(all.len())];
+                let [a, b] = first.to_le_bytes();
+                let [c, d] = last.to_le_bytes();
+                self.finish(vec![0xB7, a, b, c, d], word(values.len(), None), values)
+            }
+            OperatingMode::StreamRemission => {
+                let values = self.measure(first_turn);
+                let mut payload = [&[0xF5][..], &word(values.len(), None)].concat();
+                for value in values {
+                    payload.extend(value.to_le_bytes());
+                    payload.extend(remission(value).to_le_bytes());
+                }
+                payload
+            }
+            OperatingMode::StreamReflectivity(first, last) => {
+                let values = self.measure(first_turn);
+                let mut payload = self.finish(vec![0xC4], word(values.len(), None), &values);
+                payload.extend((last - first + 1).to_le_bytes());
+                payload.extend(first.to_le_bytes());
+                payload.extend(last.to_le_bytes());
+                payload.extend((first..=last).map(|index| remission(values[usize::from(index) - 1]) as u8));
+                payload
+            }
+            _ => {
+                let values = self.measure(first_turn);
+                self.finish(vec![0xB0], word(values.len(), None), &values)
+            }
+        }
+    }
+
+    /// Count word, values, and the real-time index if it is switched on.
+    fn finish(&mut self, mut payload: Vec<u8>, word: [u8; 2], values: &[u16]) -> Vec<u8> {
+        payload.extend(word);
+        payload.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        if self.config.availability() & 2 != 0 {
+            self.telegrams = (self.next_group * self.group_turns()) as u8;
+            payload.push(self.telegrams);
+        }
+        payload
+    }
+
+    /// A whole scan, its turns interlaced.
+    fn measure(&mut self, first_turn: i64) -> Vec<u16> {
+        let turns = self.variant.turns();
+        let by_turn: Vec<Vec<u16>> =
+            (0..turns).map(|index| self.measure_turn(first_turn + i64::from(index), index)).collect();
+        (0..usize::from(self.variant.values()))
+            .map(|value| by_turn[value % usize::from(turns)][value / usize::from(turns)])
+            .collect()
+    }
+
+    fn measure_mean(&mut self, first_turn: i64, scans: u8) -> Vec<u16> {
+        let turns = i64::from(self.variant.turns());
+        let all: Vec<Vec<u16>> = (0..i64::from(scans)).map(|scan| self.measure(first_turn + scan * turns)).collect();
+        let mean = |value: usize| all.iter().map(|scan| u32::from(scan[value])).sum::<u32>() / u32::from(scans);
+        (0..usize::from(self.variant.values())).map(|value| mean(value) as u16).collect()
+    }
+
+    /// One turn: a beam every degree, `index` steps of the resolution after whole degrees.
+    fn measure_turn(&mut self, turn: i64, index: u16) -> Vec<u16> {
+        let start_cdeg = self.variant.start_deg() * 100 + index * self.variant.resolution_cdeg;
+        let quarter = (index * self.variant.resolution_cdeg / 25) as u8;
+        let count = self.variant.values_of_turn(quarter);
+        (0..count).map(|beam| self.measure_beam(turn, start_cdeg + beam * 100)).collect()
+    }
+
+    fn measure_beam(&mut self, turn: i64, angle_cdeg: u16) -> u16 {
+        let within = 1_000_000 / TURNS_PER_SECOND * i64::from(angle_cdeg) / 36_000;
+        let at = turn_start(turn) + Duration::from_micros(within);
+        let bearing_rad = (f64::from(angle_cdeg) / 100.0 - 90.0).to_radians();
+        let format = ValueFormat::of_mode(self.config.measuring_mode()).unwrap_or(ValueFormat { mask: 0x1FFF });
+        let beyond = format.beyond_maximum();
+        let Some(range_m) = self.scene.range_m(at, bearing_rad) else {
+            return beyond;
+        };
+        let per_metre = f64::from(self.config.unit().unwrap_or(Unit::Centimetre).per_metre());
+        match self.error.apply(range_m) {
+            // Dazzled, or a weak signal.
+            Err(pick) => format.mask - if pick % 4 == 0 { 1 } else { 4 },
+            Ok(range_m) => ((range_m * per_metre).round().max(1.0) as u32).min(u32::from(beyond)) as u16,
+        }
+    }
+}
+
+/// Brightness of what was hit, as a plain falling function of distance.
+fn remission(value: u16) -> u16 {
+    255_u16.saturating_sub(value / 40).max(10)
+}

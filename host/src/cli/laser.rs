@@ -1,0 +1,106 @@
+//! What the commands with a laser share: its arguments, ctrl-C, and words on the way.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::sync::Once;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context as _;
+use clap::Args;
+use lrfslam_core::lrf::sick_lms::Variant;
+
+use crate::driver::{LrfFamily, LrfOptions};
+use crate::link::Address;
+use crate::live::LiveLaser;
+
+/// Which laser, and how it is reached.
+#[derive(Debug, Args)]
+pub(super) struct LaserArgs {
+    /// Which protocol it speaks.
+    #[arg(long, value_enum)]
+    lrf: LrfFamily,
+    /// Serial port, such as /dev/ttyUSB0, or tcp:HOST for a Hokuyo with Ethernet.
+    #[arg(long, value_name = "DEV")]
+    port: Address,
+    /// Rate to change to, bit/s; auto finds the sensor's, and raises a slow one to what every port can.
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = parse_baud)]
+    baud: u32,
+    /// SICK: field of view and resolution in degrees, such as 180/0.5 [default: as it is].
+    #[arg(long, value_name = "VIEW/STEP", value_parser = parse_variant)]
+    variant: Option<(u16, u16)>,
+    /// SICK below 1 degree: whole, interlaced scans instead of one scan per mirror turn.
+    #[arg(long)]
+    whole_scans: bool,
+    /// Hokuyo: merge so many neighbouring steps into one beam.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=99))]
+    cluster: u8,
+    /// Known delay of the link, subtracted from every time stamp, milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 0.0)]
+    latency: f64,
+}
+
+fn parse_baud(text: &str) -> Result<u32, String> {
+    if text == "auto" {
+        return Ok(0);
+    }
+    let rate = text.parse().ok().filter(|rate| (9_600..=3_000_000).contains(rate));
+    rate.ok_or_else(|| "expected auto, or a rate such as 38400".to_owned())
+}
+
+fn parse_variant(text: &str) -> Result<(u16, u16), String> {
+    let expected = "expected 180/1, 180/0.5, 100/1, 100/0.5 or 100/0.25";
+    let (view, step) = text.split_once('/').ok_or(expected)?;
+    let angle_deg = view.parse().map_err(|_| expected)?;
+    let step: f64 = step.parse().map_err(|_| expected)?;
+    let variant = Variant { angle_deg, resolution_cdeg: (step * 100.0).round() as u16 };
+    if variant.is_possible() { Ok((variant.angle_deg, variant.resolution_cdeg)) } else { Err(expected.to_owned()) }
+}
+
+impl LaserArgs {
+    /// The laser that is meant.
+    pub(super) fn live(&self, record: Option<PathBuf>) -> anyhow::Result<LiveLaser> {
+        if self.lrf == LrfFamily::SickLms2xx && self.baud != 0 {
+            let known = [9_600, 19_200, 38_400, 500_000];
+            anyhow::ensure!(known.contains(&self.baud), "a SICK LMS2xx has 9600, 19200, 38400 and 500000 baud");
+        }
+        let options = LrfOptions {
+            baud: self.baud,
+            has_baud: self.port.has_baud(),
+            variant: self.variant,
+            whole_scans: self.whole_scans,
+            cluster: self.cluster,
+            latency_us: (self.latency * 1000.0) as i64,
+            ..LrfOptions::new(self.lrf)
+        };
+        Ok(LiveLaser { address: self.port.clone(), options, record })
+    }
+}
+
+/// A flag that ctrl-C sets.
+pub(super) fn interrupt_flag() -> anyhow::Result<&'static AtomicBool> {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    static ONCE: Once = Once::new();
+    let mut caught = Ok(());
+    ONCE.call_once(|| caught = ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)));
+    caught.context("ctrl-C cannot be caught")?;
+    Ok(&STOP)
+}
+
+/// Words for the user, on standard error; with that closed there is nobody left to tell.
+pub(super) fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wrong_arguments_are_refused_in_words() {
+        assert_eq!(parse_baud("auto"), Ok(0));
+        assert_eq!(parse_baud("38400"), Ok(38_400));
+        assert!(parse_baud("fast").is_err() && parse_baud("12").is_err());
+        assert_eq!(parse_variant("100/0.25"), Ok((100, 25)));
+        assert!(parse_variant("180/0.25").is_err() && parse_variant("180").is_err());
+    }
+}

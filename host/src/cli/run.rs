@@ -1,0 +1,28 @@
+//! `lrfslam run`: live from a laser.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::Failure;
+use super::laser::{LaserArgs, interrupt_flag};
+use super::live_scans::{Limits, deliver};
+use crate::live::ScanSource;
+
+/// Take scans from a laser range finder until ctrl-C, which stops it.
+#[derive(Debug, Args)]
+pub(super) struct RunArgs {
+    #[command(flatten)]
+    laser: LaserArgs,
+    /// Write every byte, both ways, with its time, to this file; `lrfslam replay` runs it again.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    #[command(flatten)]
+    limits: Limits,
+}
+
+pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
+    let stop = interrupt_flag().map_err(Failure::Start)?;
+    let laser = args.laser.live(args.record.clone()).map_err(Failure::Start)?;
+    deliver(&ScanSource::Live(laser), stop, &args.limits)
+}

@@ -1,0 +1,226 @@
+//! Hardware in the loop over real pseudo-terminals at real rates: simulator and driver each on its own clock.
+//!
+//! A few seconds; five minutes: `cargo test --release -p lrfslam-tests --test hil_pty -- --ignored --nocapture`
+
+use std::collections::VecDeque;
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant as WallInstant;
+
+use lrfslam_core::time::Instant;
+use lrfslam_firmware_sim::fault::FaultPlan;
+use lrfslam_firmware_sim::pty::{LineReport, serve};
+use lrfslam_firmware_sim::scene::FlatWorld;
+use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
+use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
+use lrfslam_firmware_sim::virtual_lrf::{Emission, VirtualLrf};
+use lrfslam_host::driver::{LrfFamily, LrfOptions};
+use lrfslam_host::live::{Item, LiveLaser, ScanSource, SourceReport, for_each_scan};
+use lrfslam_tests::oracle::{self, Seen};
+
+/// A device whose scans are noted as they leave.
+struct Noted<D> {
+    device: D,
+    oracle: fn(&[u8]) -> Option<Vec<Seen>>,
+    sent: &'static Mutex<VecDeque<Vec<Seen>>>,
+}
+
+impl<D: VirtualLrf> VirtualLrf for Noted<D> {
+    fn power_on(&mut self, now: Instant) {
+        self.device.power_on(now);
+    }
+    fn receive(&mut self, now: Instant, bytes: &[u8]) {
+        self.device.receive(now, bytes);
+    }
+    fn timeout(&mut self, now: Instant) {
+        self.device.timeout(now);
+    }
+    fn poll(&mut self) -> Option<Emission> {
+        let emission = self.device.poll()?;
+        if let Some(scan) = (self.oracle)(&emission.bytes) {
+            self.sent.lock().unwrap().push_back(scan);
+        }
+        Some(emission)
+    }
+    fn deadline(&self) -> Instant {
+        self.device.deadline()
+    }
+    fn baud(&self, now: Instant) -> Option<u32> {
+        self.device.baud(now)
+    }
+}
+
+/// What came of a run.
+struct Outcome {
+    scans: u32,
+    /// Published, but never sent so.
+    damaged: u32,
+    /// Sent after the first and before the last published one, but not published.
+    missed: u32,
+    seconds: f64,
+    source: SourceReport,
+    line: LineReport,
+    said: Vec<String>,
+}
+
+struct Setup<D> {
+    device: D,
+    oracle: fn(&[u8]) -> Option<Vec<Seen>>,
+    options: LrfOptions,
+    plan: FaultPlan,
+    seconds: f64,
+}
+
+fn run<D: VirtualLrf>(setup: Setup<D>, record: Option<&Path>) -> Outcome {
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("laser");
+    let sent: &'static Mutex<VecDeque<Vec<Seen>>> = Box::leak(Box::default());
+    let mut device = Noted { device: setup.device, oracle: setup.oracle, sent };
+    let (stop_server, stop_host) = (AtomicBool::new(false), AtomicBool::new(false));
+    let mut outcome = Outcome {
+        scans: 0,
+        damaged: 0,
+        missed: 0,
+        seconds: 0.0,
+        source: SourceReport::default(),
+        line: LineReport::default(),
+        said: Vec::new(),
+    };
+    std::thread::scope(|scope| {
+        let server = scope.spawn(|| serve(&mut device, &link, setup.plan, 5, &stop_server).unwrap());
+        let address = link.display().to_string().parse().unwrap();
+        let laser = LiveLaser { address, options: setup.options, record: record.map(Path::to_owned) };
+        let started = WallInstant::now();
+        let mut first: Option<WallInstant> = None;
+        let source = for_each_scan(&ScanSource::Live(laser), &stop_host, &mut |item| {
+            match item {
+                Item::Scan(scan) => {
+                    let first = *first.get_or_insert_with(WallInstant::now);
+                    outcome.seconds = first.elapsed().as_secs_f64();
+                    judge(&oracle::published(&scan), sent, &mut outcome);
+                }
+                Item::Said(text) => outcome.said.push(text.to_owned()),
+                Item::Identified(_) => {}
+            }
+            let limit = if first.is_some() { setup.seconds } else { setup.seconds + 30.0 };
+            let elapsed = first.unwrap_or(started).elapsed().as_secs_f64();
+            if elapsed > limit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        outcome.source = source.unwrap();
+        stop_server.store(true, Ordering::Relaxed);
+        outcome.line = server.join().unwrap();
+    });
+    outcome
+}
+
+/// Looks for a published scan among those sent, and forgets it and all before it.
+fn judge(scan: &Vec<Seen>, sent: &Mutex<VecDeque<Vec<Seen>>>, outcome: &mut Outcome) {
+    let mut sent = sent.lock().unwrap();
+    match sent.iter().position(|one| one == scan) {
+        Some(at) => {
+            outcome.missed += if outcome.scans > 0 { at as u32 } else { 0 };
+            outcome.scans += 1;
+            sent.drain(..=at);
+        }
+        None => outcome.damaged += 1,
+    }
+}
+
+fn sick(model: SickModel, baud: u32, variant: (u16, u16), seconds: f64) -> Setup<VirtualSick> {
+    let options = LrfOptions { baud, variant: Some(variant), ..LrfOptions::new(LrfFamily::SickLms2xx) };
+    let device = VirtualSick::new(model, Box::new(FlatWorld::room()), 3);
+    Setup { device, oracle: oracle::sick, options, plan: FaultPlan::default(), seconds }
+}
+
+fn urg(baud: u32, seconds: f64) -> Setup<VirtualHokuyo> {
+    let options = LrfOptions { baud, ..LrfOptions::new(LrfFamily::Hokuyo) };
+    let device = VirtualHokuyo::new(HokuyoModel::urg_04lx(), Box::new(FlatWorld::room()), 3);
+    let oracle = |write: &[u8]| oracle::hokuyo(write, false);
+    Setup { device, oracle, options, plan: FaultPlan::default(), seconds }
+}
+
+fn utm(seconds: f64) -> Setup<VirtualHokuyo> {
+    let device = VirtualHokuyo::new(HokuyoModel::utm_30lx(), Box::new(FlatWorld::room()), 3);
+    Setup { device, oracle: |write| oracle::hokuyo(write, true), ..urg(0, seconds) }
+}
+
+/// Asserts the rate (scans a second, within 3 %), no scan damaged, none lost that was sent whole.
+fn expect(name: &str, rate: f64, outcome: &Outcome) {
+    let measured = f64::from(outcome.scans - 1) / outcome.seconds;
+    println!(
+        "{name}: {} scans in {:.1} s, {measured:.2} a second (line allows {rate:.2}), {} damaged, {} missed, {} refused, {} overrun, {} bytes not taken",
+        outcome.scans,
+        outcome.seconds,
+        outcome.damaged,
+        outcome.missed,
+        outcome.source.counters.damaged,
+        outcome.source.overrun,
+        outcome.line.dropped
+    );
+    assert_eq!((outcome.damaged, outcome.missed), (0, 0), "{name}: {:?}", outcome.said);
+    assert!((measured / rate - 1.0).abs() < 0.03, "{name}: {measured} a second instead of {rate}");
+    assert!(outcome.source.laser_off, "{name}: {:?}", outcome.said);
+}
+
+/// All at once: each takes a few percent of a processor.
+fn all_models(seconds: f64) {
+    std::thread::scope(|scope| {
+        let lms200 = |baud| run(sick(SickModel::lms200(), baud, (180, 100), seconds), None);
+        scope.spawn(move || expect("LMS200, 500000 baud, 1 deg", 75.0, &lms200(500_000)));
+        // 97 ms on the wire: every eighth turn of the mirror.
+        scope.spawn(move || expect("LMS200, 38400 baud, 1 deg", 75.0 / 8.0, &lms200(38_400)));
+        let lms291 = move || run(sick(SickModel::lms291(), 500_000, (180, 50), seconds), None);
+        scope.spawn(move || expect("LMS291, 500000 baud, turns of 0.5 deg", 75.0, &lms291()));
+        // 185 ms on the wire, from the end of a sweep: every second turn.
+        scope.spawn(move || expect("URG-04LX, 115200 baud", 5.0, &run(urg(115_200, seconds), None)));
+        scope.spawn(move || expect("UTM-30LX, USB", 40.0, &run(utm(seconds), None)));
+    });
+}
+
+#[test]
+fn every_model_holds_its_rate_over_a_terminal() {
+    all_models(3.0);
+}
+
+#[test]
+#[ignore = "five minutes; run in release with --ignored"]
+fn every_model_holds_its_rate_over_a_terminal_for_five_minutes() {
+    all_models(300.0);
+}
+
+#[test]
+fn unplugging_and_faults_over_a_terminal_are_survived() {
+    let plan = FaultPlan::parse("damage=0.05,unplug=4").unwrap();
+    let outcome = run(Setup { plan, ..utm(10.0) }, None);
+    assert_eq!(outcome.damaged, 0);
+    assert!(outcome.scans > 100, "{}: {:?}", outcome.scans, outcome.said);
+    let unplugged = outcome.said.iter().filter(|text| text.contains("unplugged")).count();
+    assert!(unplugged >= 2, "{:?}", outcome.said);
+}
+
+#[test]
+fn recording_replays_exactly_also_when_cut() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.lrfrec");
+    let plan = FaultPlan::parse("damage=0.05,unplug=3").unwrap();
+    let outcome = run(Setup { plan, ..sick(SickModel::lms200(), 500_000, (180, 100), 6.0) }, Some(&path));
+    let replay = |path: &Path| {
+        let mut scans = 0;
+        let source = ScanSource::Recording { path: path.to_owned(), fast: true };
+        let report = for_each_scan(&source, &AtomicBool::new(false), &mut |item| {
+            scans += u32::from(matches!(item, Item::Scan(_)));
+            ControlFlow::Continue(())
+        });
+        (scans, report.unwrap())
+    };
+    let (scans, report) = replay(&path);
+    assert_eq!(report.counters, outcome.source.counters);
+    assert_eq!(scans, report.counters.scans);
+    assert!(scans >= outcome.scans, "scans after the last that was taken are in the recording too");
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+    let (half, _) = replay(&path);
+    assert!(half > scans / 4 && half < scans * 3 / 4, "{half} of {scans}");
+}
