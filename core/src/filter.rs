@@ -5,6 +5,8 @@
 
 use crate::geometry::{Point2, Pose2};
 use crate::scan::RangeScan;
+use crate::sweep;
+use crate::time::Duration;
 
 crate::config! {
     /// Scan filter (thesis 4.4.3).
@@ -22,44 +24,75 @@ pub struct PointCapacityError {
     pub capacity: usize,
 }
 
-/// Centres of gravity of the scan's hits, robot frame, in beam order; written to the front of `memory`.
+/// The scan's hits, robot frame, in beam order; written to the front of `memory`.
 ///
 /// * `robot_from_lrf` — where the laser sits on the robot
-/// * a window is closed by the first hit farther than `radius_m` from its first hit
+/// * `motion` — of the robot during the sweep: every hit is carried to where it lies at the scan's stamp
+///
+/// # Errors
+/// [`PointCapacityError`] if `memory` is too short; nothing is returned then.
+pub fn hits<'m>(
+    scan: &RangeScan<'_>,
+    robot_from_lrf: Pose2,
+    motion: Motion,
+    memory: &'m mut [Point2],
+) -> Result<&'m [Point2], PointCapacityError> {
+    let capacity = memory.len();
+    let laser_displacement = robot_from_lrf.inverse() * motion.displacement * robot_from_lrf;
+    let mut count = 0;
+    sweep::deskew(scan, laser_displacement, motion.duration, |_, hit_in_lrf| {
+        if let Some(place) = memory.get_mut(count) {
+            *place = robot_from_lrf.transform(hit_in_lrf);
+        }
+        count += 1;
+    });
+    memory.get(..count).ok_or(PointCapacityError { capacity })
+}
+
+/// A displacement of the robot and the time it takes, at constant velocity.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Motion {
+    /// Of the robot.
+    pub displacement: Pose2,
+    /// The time it takes; zero if it is not known, which stands for no motion during the sweep.
+    pub duration: Duration,
+}
+
+/// Centres of gravity of `points`, in order; written to the front of `memory`.
+///
+/// A window is closed by the first point farther than `radius_m` from its first point.
 ///
 /// Source: thesis §4.4.3.
 ///
 /// # Errors
 /// [`PointCapacityError`] if `memory` is too short; nothing is returned then.
-pub fn filter<'m>(
+pub fn thin<'m>(
     config: &FilterConfig,
-    scan: &RangeScan<'_>,
-    robot_from_lrf: Pose2,
+    points: &[Point2],
     memory: &'m mut [Point2],
 ) -> Result<&'m [Point2], PointCapacityError> {
     let capacity = memory.len();
     let mut written = 0;
+    let mut keep = |window: &Window| {
+        *memory.get_mut(written).ok_or(PointCapacityError { capacity })? = window.centre();
+        written += 1;
+        Ok(())
+    };
     let mut window: Option<Window> = None;
-    for hit in scan.beams.iter().filter_map(|beam| beam.hit_in_lrf()) {
+    for point in points {
         match &mut window {
-            Some(open) if (hit - open.first).norm() <= config.radius_m => open.add(hit),
+            Some(open) if (*point - open.first).norm() <= config.radius_m => open.add(*point),
             _ => {
-                if let Some(closed) = window.replace(Window::new(hit)) {
-                    *memory.get_mut(written).ok_or(PointCapacityError { capacity })? = closed.centre();
-                    written += 1;
+                if let Some(closed) = window.replace(Window::new(*point)) {
+                    keep(&closed)?;
                 }
             }
         }
     }
     if let Some(closed) = window {
-        *memory.get_mut(written).ok_or(PointCapacityError { capacity })? = closed.centre();
-        written += 1;
+        keep(&closed)?;
     }
-    let points = memory.get_mut(..written).unwrap_or_default();
-    for point in points.iter_mut() {
-        *point = robot_from_lrf.transform(*point);
-    }
-    Ok(points)
+    memory.get(..written).ok_or(PointCapacityError { capacity })
 }
 
 /// The points gathered in the window so far.
@@ -99,36 +132,61 @@ mod tests {
         })
     }
 
+    fn hits_of<'m>(
+        beams: &[Beam],
+        mounting: Pose2,
+        memory: &'m mut [Point2],
+    ) -> Result<&'m [Point2], PointCapacityError> {
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams };
+        hits(&scan, mounting, Motion::default(), memory)
+    }
+
     #[test]
     fn dense_near_wall_is_thinned_to_the_window_radius() {
         let beams = beside_a_wall();
-        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
-        let mut memory = [Point2::default(); 181];
-        let points = filter(&FilterConfig::default(), &scan, Pose2::IDENTITY, &mut memory).unwrap();
-        let hits = beams.iter().filter(|b| b.hit_in_lrf().is_some()).count();
-        assert!(hits > 80 && points.len() < 40, "{hits} hits became {} points", points.len());
+        let (mut raw, mut memory) = ([Point2::default(); 181], [Point2::default(); 181]);
+        let hits = hits_of(&beams, Pose2::IDENTITY, &mut raw).unwrap();
+        let points = thin(&FilterConfig::default(), hits, &mut memory).unwrap();
+        assert!(hits.len() > 80 && points.len() < 40, "{} hits became {} points", hits.len(), points.len());
         assert!(points.iter().all(|p| (p.y + 0.5).abs() < 1e-3), "the wall stays where it is");
         assert!(points.windows(2).all(|w| (w[1] - w[0]).norm() > 0.07));
     }
 
     #[test]
+    fn no_radius_keeps_every_point() {
+        let points = [Point2::new(1.0, 0.0), Point2::new(1.0, 0.001), Point2::new(1.0, 0.002)];
+        let mut memory = [Point2::default(); 3];
+        assert_eq!(thin(&FilterConfig { radius_m: 0.0 }, &points, &mut memory), Ok(&points[..]));
+    }
+
+    #[test]
     fn mounting_carries_points_into_the_robot_frame() {
         let beams = [Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Hit(2.0) }];
-        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
-        let mut memory = [Point2::default(); 1];
         let mounting = Pose2::new(0.2, 0.0, core::f32::consts::FRAC_PI_2);
-        let points = filter(&FilterConfig::default(), &scan, mounting, &mut memory).unwrap();
+        let mut memory = [Point2::default(); 1];
+        let points = hits_of(&beams, mounting, &mut memory).unwrap();
         assert!((points[0] - Point2::new(0.2, 2.0)).norm() < 1e-6);
+    }
+
+    #[test]
+    fn motion_during_the_sweep_is_taken_out() {
+        // The robot drives 1 m/s; a beam measured 0.1 s after the stamp left 0.1 m farther ahead.
+        let beams = [Beam { bearing_rad: 0.0, offset: Duration::from_millis(100), echo: Echo::Hit(2.0) }];
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+        let motion = Motion { displacement: Pose2::new(0.2, 0.0, 0.0), duration: Duration::from_millis(200) };
+        let mut memory = [Point2::default(); 1];
+        let points = hits(&scan, Pose2::IDENTITY, motion, &mut memory).unwrap();
+        assert!((points[0] - Point2::new(2.1, 0.0)).norm() < 1e-6);
     }
 
     #[test]
     fn too_little_memory_is_an_error_and_an_empty_scan_is_not() {
         let beams = beside_a_wall();
-        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
         let mut memory = [Point2::default(); 3];
-        let config = FilterConfig::default();
-        assert_eq!(filter(&config, &scan, Pose2::IDENTITY, &mut memory), Err(PointCapacityError { capacity: 3 }));
-        let nothing = RangeScan { beams: &[], ..scan };
-        assert_eq!(filter(&config, &nothing, Pose2::IDENTITY, &mut []), Ok(&[][..]));
+        let error = PointCapacityError { capacity: 3 };
+        assert_eq!(hits_of(&beams, Pose2::IDENTITY, &mut memory), Err(error));
+        let apart: Vec<_> = (0..4).map(|i| Point2::new(i as f32, 0.0)).collect();
+        assert_eq!(thin(&FilterConfig::default(), &apart, &mut memory), Err(error));
+        assert_eq!(hits_of(&[], Pose2::IDENTITY, &mut []), Ok(&[][..]));
     }
 }

@@ -6,11 +6,12 @@
 use rand_core::Rng;
 
 use crate::de::{DeConfig, Member};
-use crate::filter::{self, FilterConfig, PointCapacityError};
+use crate::filter::{self, FilterConfig, Motion, PointCapacityError};
 use crate::geometry::{Point2, Pose2};
 use crate::matcher::{Match, MatcherConfig, Prediction, RecoveryConfig, ScanMatcher, SearchConfig};
 use crate::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtMemoryError, NdtTile};
 use crate::scan::RangeScan;
+use crate::time::Instant;
 
 crate::config_choice! {
     /// What a scan is matched against.
@@ -38,6 +39,8 @@ crate::config! {
         key_rotation_deg: f32 = 2.0, in 0.0..=180.0;
         /// The first so many scans all go into the reference: the first one alone is thin and noisy.
         settling_scans: u16 = 10, in 1..=1000;
+        /// Corrects each beam for the robot's motion during the sweep, where the scan tells the beams' times.
+        deskew: bool = true;
     }
 }
 
@@ -117,6 +120,7 @@ pub struct LaserOdometry<'m> {
     map_from_robot: Pose2,
     map_from_key: Pose2,
     velocity: Pose2,
+    last_stamp: Option<Instant>,
     score_per_point: f32,
     scans: u32,
     lost_scans: u16,
@@ -140,6 +144,7 @@ impl<'m> LaserOdometry<'m> {
             map_from_robot: Pose2::IDENTITY,
             map_from_key: Pose2::IDENTITY,
             velocity: Pose2::IDENTITY,
+            last_stamp: None,
             score_per_point: 0.5,
             scans: 0,
             lost_scans: 0,
@@ -171,9 +176,10 @@ impl<'m> LaserOdometry<'m> {
         displacement: Option<Pose2>,
         rng: &mut impl Rng,
     ) -> Result<StepReport, PointCapacityError> {
-        let count = filter::filter(&self.config.filter, scan, robot_from_lrf, self.points)?.len();
-        let raw = FilterConfig { radius_m: 0.0 };
-        let hits = filter::filter(&raw, scan, robot_from_lrf, self.hits)?.len();
+        let motion = self.motion_during(scan, displacement);
+        let hits = filter::hits(scan, robot_from_lrf, motion, self.hits)?;
+        let count = filter::thin(&self.config.filter, hits, self.points)?.len();
+        let hits = hits.len();
         let predicted = self.map_from_robot * displacement.unwrap_or(self.velocity);
         let first = self.ndt.tiles_used() == 0;
         let prediction = Prediction { map_from_robot: predicted, score_expected: self.score_per_point * count as f32 };
@@ -189,6 +195,7 @@ impl<'m> LaserOdometry<'m> {
         let step = self.map_from_robot.between(map_from_robot);
         self.velocity = if is_lost || step.heading.abs() > 0.5 { Pose2::IDENTITY } else { step };
         self.map_from_robot = map_from_robot;
+        self.last_stamp = Some(scan.stamp);
         if !first && is_trusted {
             self.score_per_point += 0.1 * (matched.score_per_point - self.score_per_point);
         }
@@ -200,6 +207,16 @@ impl<'m> LaserOdometry<'m> {
             is_lost,
             dropped,
         })
+    }
+
+    /// How the robot is expected to move while `scan` is taken: as from the last scan to this one.
+    fn motion_during(&self, scan: &RangeScan<'_>, displacement: Option<Pose2>) -> Motion {
+        match self.last_stamp {
+            Some(last) if self.config.odometry.deskew => {
+                Motion { displacement: displacement.unwrap_or(self.velocity), duration: scan.stamp.since(last) }
+            }
+            _ => Motion::default(),
+        }
     }
 
     /// Matches the current points, with a wider search if the robot is not where it was expected.

@@ -6,7 +6,7 @@
 //!
 //! # Layers
 //! A module uses only what stands to its left:
-//! `math, time, config | geometry | scan, grid | filter, ndt, de, lrf | matcher | laser_odometry`.
+//! `math, time, config | geometry | scan, grid, sweep | filter, ndt, de, lrf | matcher | laser_odometry`.
 //!
 //! # Data flow
 //! [`RangeScan`](scan::RangeScan) (polar) → [`filter`] → points → [`ScanMatcher`](matcher::ScanMatcher) against an
@@ -53,6 +53,7 @@ pub mod matcher;
 pub mod math;
 pub mod ndt;
 pub mod scan;
+pub mod sweep;
 pub mod time;
 
 #[cfg(test)]

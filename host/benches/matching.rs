@@ -7,7 +7,7 @@ use std::path::Path;
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use lrfslam_core::de::{DeConfig, Member};
-use lrfslam_core::filter::{FilterConfig, filter};
+use lrfslam_core::filter::{FilterConfig, Motion, hits, thin};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::matcher::{MatcherConfig, Prediction, ScanMatcher, SearchConfig};
 use lrfslam_core::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtTile};
@@ -37,8 +37,9 @@ fn pairs() -> Vec<Pair> {
     };
     let scans: Vec<_> = log.filter_map(Result::ok).collect();
     let points = |index: usize, radius_m| {
-        let mut memory = vec![Point2::default(); 400];
-        let kept = filter(&FilterConfig { radius_m }, &scans[index].scan(), Pose2::IDENTITY, &mut memory);
+        let (mut raw, mut memory) = (vec![Point2::default(); 400], vec![Point2::default(); 400]);
+        let hits = hits(&scans[index].scan(), Pose2::IDENTITY, Motion::default(), &mut raw);
+        let kept = hits.and_then(|hits| thin(&FilterConfig { radius_m }, hits, &mut memory));
         kept.map(<[_]>::to_vec).unwrap_or_default()
     };
     let pair = |i| Pair { hits: points(i, 0.0), target: points(i, 0.1), source: points(i + 1, 0.1) };

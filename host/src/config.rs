@@ -47,6 +47,16 @@ lrfslam_core::config! {
     }
 }
 
+lrfslam_core::config! {
+    /// When a user is told that the robot moves too fast for its laser (thesis 4.4.2, eq. 4.44 and 4.45).
+    pub struct SpeedConfig {
+        /// Motion of the laser within one sweep, m. The thesis' example: 0.005, without correction of the beams.
+        error_m: f32 = 0.05, in 0.0001..=10.0;
+        /// Rotation within one sweep, degrees. The thesis' example: 0.25.
+        error_deg: f32 = 5.0, in 0.001..=180.0;
+    }
+}
+
 /// Declares the sections of the configuration, in the order in which they are printed.
 macro_rules! run_config {
     ($( $(#[doc = $doc:literal])* $name:ident : $section:ty, )*) => {
@@ -88,6 +98,8 @@ run_config! {
     recovery: RecoveryConfig,
     /// Memory.
     memory: MemoryConfig,
+    /// When the robot is too fast.
+    speed: SpeedConfig,
     /// How the map is drawn.
     map: MapConfig,
 }

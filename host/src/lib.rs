@@ -14,6 +14,7 @@ pub mod link;
 pub mod live;
 pub mod log;
 pub mod map_io;
+pub mod map_run;
 pub mod mapper;
 pub mod occupancy_map;
 pub mod output;

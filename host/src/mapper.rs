@@ -5,12 +5,12 @@ use lrfslam_core::filter::PointCapacityError;
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::laser_odometry::{KeyScan, LaserOdometry, OdometryMemory, Reference, StepReport};
 use lrfslam_core::ndt::{DirectoryEntry, NdtMemoryError, NdtTile};
+use lrfslam_core::scan::RangeScan;
 use rand_core::SeedableRng as _;
 use rand_pcg::Pcg32;
 use serde::Serialize;
 
 use crate::config::RunConfig;
-use crate::log::LogScan;
 
 lrfslam_core::config! {
     /// Memory, fixed from the start.
@@ -120,19 +120,21 @@ impl<'m> Mapper<'m> {
         })
     }
 
-    /// Takes the next scan; only with `use_odometry` is the log's odometry looked at.
+    /// Takes the next scan.
+    ///
+    /// * `robot_from_lrf` — where the laser sits on the robot
+    /// * `odometry` — the robot's pose by its odometry, if that is to be the prediction
     ///
     /// # Errors
     /// If the scan has more points than there is memory for.
     pub fn add_scan(
         &mut self,
-        scan: &LogScan,
+        scan: &RangeScan<'_>,
         robot_from_lrf: Pose2,
-        use_odometry: bool,
+        odometry: Option<Pose2>,
     ) -> Result<StepReport, PointCapacityError> {
-        let odometry = scan.map_from_robot_odometry.filter(|_| use_odometry);
         let displacement = self.last_odometry.zip(odometry).map(|(last, now)| last.between(now));
-        let step = self.odometry.step(&scan.scan(), robot_from_lrf, displacement, &mut self.rng)?;
+        let step = self.odometry.step(scan, robot_from_lrf, displacement, &mut self.rng)?;
         self.last_odometry = odometry;
         self.counts.add(&step);
         Ok(step)

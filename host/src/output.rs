@@ -5,6 +5,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// A file under way. Dropped without [`finish`](Self::finish), it is left under its temporary name, results in it.
+#[derive(Debug)]
 pub struct PendingFile {
     out: BufWriter<File>,
     temporary: PathBuf,

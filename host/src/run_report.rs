@@ -16,28 +16,60 @@ use crate::mapper::MatchCounts;
 pub struct RunReport {
     /// Name and version of the program.
     pub program: Program,
-    /// The log.
-    pub input: Input,
+    /// Where the scans came from.
+    #[serde(flatten)]
+    pub source: Source,
     /// Every value used.
     pub config: RunConfig,
     /// Of the random numbers.
     pub seed: u64,
     /// The log's odometry was used.
     pub odometry: bool,
-    /// What was met in the log.
-    pub log: LogCounts,
     /// What the beams said.
     pub beams: BeamCounts,
     /// How the matching went.
     pub matching: MatchCounts,
-    /// Ranges from here on were misses, m.
-    pub range_max_m: f32,
     /// Time spent and memory used.
     pub cost: Cost,
     /// The log was not read to its end: results stop at the fault.
     pub partial: bool,
     /// Why.
     pub fault: Option<String>,
+}
+
+/// Where scans came from.
+#[derive(Debug, Clone, Serialize)]
+#[serde(untagged)]
+pub enum Source {
+    /// A log.
+    Log {
+        /// The file.
+        input: Input,
+        /// What was met in it.
+        log: LogCounts,
+        /// Ranges from here on were misses, m.
+        range_max_m: f32,
+    },
+    /// A laser, now or recorded.
+    Laser {
+        /// Its port, or the recording's name.
+        port: String,
+        /// What its driver counted.
+        laser: LaserCounts,
+    },
+}
+
+/// What the driver of a laser counted.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct LaserCounts {
+    /// Scans and replies refused because something in them was wrong.
+    pub damaged: u32,
+    /// Sessions begun anew after trouble.
+    pub restarts: u32,
+    /// Scans lost because the computer was too slow for the laser.
+    pub overrun: u32,
+    /// Scans during which the robot moved faster than the laser's rate allows, eq. (4.44) and (4.45).
+    pub too_fast: u32,
 }
 
 /// The program that ran.
@@ -81,12 +113,14 @@ pub struct BeamCounts {
 /// Time and memory.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Cost {
-    /// From the first scan to the last, s.
+    /// Scans mapped.
+    pub scans: u64,
+    /// Time spent on mapping them, s.
     pub wall_s: f64,
     /// Scans per second of it.
     pub scans_per_s: f64,
-    /// Time between the log's first and last scan, s; 0 if the log has no times.
-    pub log_s: f64,
+    /// Between the stamps of the first and the last scan, s.
+    pub driven_s: f64,
     /// The most memory the process has held, bytes, where the system tells.
     pub peak_memory_bytes: Option<u64>,
 }

@@ -18,6 +18,5 @@ pub mod hokuyo_scip;
 pub mod ldrobot;
 pub mod rplidar;
 pub mod sick_lms;
-pub mod timing;
 mod trouble;
 pub mod turn;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::filter::{FilterConfig, filter};
+use crate::filter::{FilterConfig, Motion, hits, thin};
 use crate::math::uniform;
 use crate::ndt::{DirectoryEntry, NdtConfig, NdtTile};
 use crate::scan::RangeScan;
@@ -20,8 +20,9 @@ const NDT: NdtConfig = NdtConfig {
 fn points(world: &World, pose: Pose2, radius_m: f32, range_max_m: f32, rng: &mut Pcg32) -> Vec<Point2> {
     let beams = world.scan(pose, range_max_m, 0.01, rng);
     let scan = RangeScan { stamp: Instant::default(), range_max_m, beams: &beams };
-    let mut memory = vec![Point2::default(); 200];
-    filter(&FilterConfig { radius_m }, &scan, Pose2::IDENTITY, &mut memory).unwrap().to_vec()
+    let (mut raw, mut memory) = (vec![Point2::default(); 200], vec![Point2::default(); 200]);
+    let hits = hits(&scan, Pose2::IDENTITY, Motion::default(), &mut raw).unwrap();
+    thin(&FilterConfig { radius_m }, hits, &mut memory).unwrap().to_vec()
 }
 
 /// Matches a scan from `at` against a scan from the origin, both filtered as the thesis does.

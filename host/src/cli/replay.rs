@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::Failure;
 use super::laser::interrupt_flag;
-use super::live_scans::{Limits, deliver};
+use super::live_scans::{Mapping, map_live};
 use crate::live::ScanSource;
 
 /// Run a recording of a laser range finder again, as it was, or as fast as possible.
@@ -18,10 +18,12 @@ pub(super) struct ReplayArgs {
     #[arg(long)]
     fast: bool,
     #[command(flatten)]
-    limits: Limits,
+    mapping: Mapping,
 }
 
 pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let stop = interrupt_flag().map_err(Failure::Start)?;
-    deliver(&ScanSource::Recording { path: args.file.clone(), fast: args.fast }, stop, &args.limits)
+    let name = args.file.display().to_string();
+    let source = ScanSource::Recording { path: args.file.clone(), fast: args.fast };
+    map_live(&name, &source, stop, &args.mapping)
 }

@@ -6,10 +6,10 @@ use clap::Args;
 
 use super::Failure;
 use super::laser::{LaserArgs, interrupt_flag};
-use super::live_scans::{Limits, deliver};
+use super::live_scans::{Mapping, map_live};
 use crate::live::ScanSource;
 
-/// Take scans from a laser range finder until ctrl-C, which stops it.
+/// Map live from a laser range finder until ctrl-C, which stops the laser and writes the map.
 #[derive(Debug, Args)]
 pub(super) struct RunArgs {
     #[command(flatten)]
@@ -18,11 +18,12 @@ pub(super) struct RunArgs {
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     #[command(flatten)]
-    limits: Limits,
+    mapping: Mapping,
 }
 
 pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
     let stop = interrupt_flag().map_err(Failure::Start)?;
     let laser = args.laser.live(args.record.clone()).map_err(Failure::Start)?;
-    deliver(&ScanSource::Live(laser), stop, &args.limits)
+    let name = laser.address.to_string();
+    map_live(&name, &ScanSource::Live(laser), stop, &args.mapping)
 }

@@ -3,55 +3,71 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::run_report::RunReport;
+use crate::log::LogCounts;
+use crate::mapper::MatchCounts;
+use crate::run_report::{LaserCounts, RunReport, Source};
 
-/// What was done, how fast, and what was odd about the log.
+/// What was done, how fast, and what was odd.
 pub(super) fn summary(report: &RunReport, out: &Path) -> String {
     let mut text = String::new();
     let cost = &report.cost;
-    let _ = write!(text, "{} scans in {:.1} s, {:.0} scans/s", report.log.scans, cost.wall_s, cost.scans_per_s);
-    if cost.log_s > 0.0 {
-        let _ = write!(text, ", {:.0} × real time", cost.log_s / cost.wall_s.max(1e-6));
+    let _ = write!(text, "{} scans in {:.1} s, {:.0} scans/s", cost.scans, cost.wall_s, cost.scans_per_s);
+    if cost.driven_s > 0.0 && !has_made_up_times(report) {
+        let _ = write!(text, ", {:.0} × real time", cost.driven_s / cost.wall_s.max(1e-6));
     }
     if let Some(bytes) = cost.peak_memory_bytes {
         let _ = write!(text, ", {:.0} MB at most", bytes as f64 / 1e6);
     }
     text.push('\n');
-    notes(report).into_iter().for_each(|note| {
+    let source = match &report.source {
+        Source::Log { log, .. } => log_notes(log),
+        Source::Laser { laser, .. } => laser_notes(laser),
+    };
+    for (_, note) in source.into_iter().chain(map_notes(report)).filter(|(applies, _)| *applies) {
         let _ = writeln!(text, "note: {note}");
-    });
+    }
     let state = if report.partial { "partial results" } else { "results" };
     let _ = writeln!(text, "{state} in {}", out.display());
     text
 }
 
-fn notes(report: &RunReport) -> Vec<String> {
-    let log = &report.log;
-    let all = [
+fn has_made_up_times(report: &RunReport) -> bool {
+    matches!(&report.source, Source::Log { log, .. } if log.synthetic_times)
+}
+
+/// A note and whether it applies.
+type Note = (bool, String);
+
+fn map_notes(report: &RunReport) -> Vec<Note> {
+    let MatchCounts { lost_scans, undetermined_scans, dropped_points, .. } = report.matching;
+    vec![
         (report.beams.hits == 0, "no beam hit anything: there is no map".to_owned()),
+        (lost_scans > 0, format!("{lost_scans} scans agreed too little with the map to be believed")),
+        (
+            undetermined_scans > 0,
+            format!("{undetermined_scans} scans left an axis undetermined (featureless corridor?)"),
+        ),
+        (dropped_points > 0, format!("memory.ndt_tiles is too small: {dropped_points} points found no room")),
+    ]
+}
+
+fn log_notes(log: &LogCounts) -> Vec<Note> {
+    let (backward, skipped, contradictions) = (log.backward_times, log.skipped_lines, log.mounting_contradictions);
+    vec![
         (log.synthetic_times, "the log has no times; scans are stamped at a fixed rate".to_owned()),
-        (
-            log.backward_times > 0,
-            format!("{} scans are older than the one before (kept in file order)", log.backward_times),
-        ),
-        (log.skipped_lines > 0, format!("{} lines of other kinds skipped", log.skipped_lines)),
-        (
-            log.mounting_contradictions > 0,
-            format!("{} scans contradict the laser's mounting on the robot", log.mounting_contradictions),
-        ),
-        (
-            report.matching.lost_scans > 0,
-            format!("{} scans agreed too little with the map to be believed", report.matching.lost_scans),
-        ),
-        (
-            report.matching.undetermined_scans > 0,
-            format!("{} scans left an axis undetermined (featureless corridor?)", report.matching.undetermined_scans),
-        ),
-        (
-            report.matching.dropped_points > 0,
-            format!("memory.ndt_tiles is too small: {} points found no room", report.matching.dropped_points),
-        ),
+        (backward > 0, format!("{backward} scans are older than the one before (kept in file order)")),
+        (skipped > 0, format!("{skipped} lines of other kinds skipped")),
+        (contradictions > 0, format!("{contradictions} scans contradict the laser's mounting on the robot")),
         (log.cut_last_line, "the last line of the log is cut short and was ignored".to_owned()),
-    ];
-    all.into_iter().filter(|(applies, _)| *applies).map(|(_, note)| note).collect()
+    ]
+}
+
+fn laser_notes(laser: &LaserCounts) -> Vec<Note> {
+    let LaserCounts { damaged, restarts, overrun, too_fast } = *laser;
+    vec![
+        (damaged > 0, format!("{damaged} scans or replies were refused as damaged")),
+        (restarts > 0, format!("the laser was started anew {restarts} times")),
+        (overrun > 0, format!("{overrun} scans were dropped: the computer is too slow for this laser")),
+        (too_fast > 0, format!("during {too_fast} scans the robot moved faster than the laser's rate allows")),
+    ]
 }

@@ -9,7 +9,7 @@
 use std::time::Instant as WallInstant;
 
 use lrfslam_core::de::{DeConfig, Member};
-use lrfslam_core::filter::{FilterConfig, filter};
+use lrfslam_core::filter::{FilterConfig, Motion, hits, thin};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::matcher::{Match, MatcherConfig, Prediction, ScanMatcher, SearchConfig};
 use lrfslam_core::math::uniform;
@@ -212,11 +212,11 @@ impl Bench {
 
 /// Points of a scan in the robot frame, filtered with `radius_m`.
 fn points_of(scan: &LogScan, radius_m: f32, run: &RunConfig) -> Vec<Point2> {
-    let mut points = vec![Point2::default(); scan.beams.len()];
+    let (mut raw, mut points) = (vec![Point2::default(); scan.beams.len()], vec![Point2::default(); scan.beams.len()]);
     let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| run.robot_from_lrf());
     // There is a place for every beam: this cannot fail.
-    let count =
-        filter(&FilterConfig { radius_m }, &scan.scan(), robot_from_lrf, &mut points).map_or(0, |kept| kept.len());
+    let hits = hits(&scan.scan(), robot_from_lrf, Motion::default(), &mut raw);
+    let count = hits.and_then(|hits| thin(&FilterConfig { radius_m }, hits, &mut points)).map_or(0, |kept| kept.len());
     points.truncate(count);
     points
 }
