@@ -38,8 +38,11 @@
     )
 )]
 
+pub mod ancestry;
+pub mod chords;
 pub mod config;
 pub mod de;
+pub mod distributed_map;
 pub mod filter;
 pub mod geometry;
 pub mod grid;
@@ -47,5 +50,8 @@ pub mod laser_odometry;
 pub mod matcher;
 pub mod math;
 pub mod ndt;
+pub mod perception;
+pub mod random;
+pub mod rays;
 pub mod scan;
 pub mod time;
