@@ -77,6 +77,11 @@ impl PerceptionModel {
         }
     }
 
+    /// How far past the measured end of a ray squares are looked at, m.
+    pub fn reach_m(&self) -> f32 {
+        self.reach_squares / self.squares_per_metre
+    }
+
     /// Logarithm of the likelihood of a scan in the map that `view` shows: 0 at best, `gain` · ln `floor` for each ray at worst.
     ///
     /// * `rays` — every `beam_step`-th is used; `map_from_lrf` — pose of the laser
