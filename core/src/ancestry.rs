@@ -48,6 +48,19 @@ pub struct Node {
     particle: u16,
 }
 
+impl Node {
+    /// A node that is in no tree.
+    pub const FREE: Self = Self {
+        parent: NodeId::NONE,
+        first_child: NodeId::NONE,
+        last_child: NodeId::NONE,
+        next: NodeId::NONE,
+        previous: NodeId::NONE,
+        children: 0,
+        particle: 0,
+    };
+}
+
 /// Is told what happens to nodes, while it happens.
 pub trait NodeObserver {
     /// `node` is gone and nothing descends from it; its name may come back.

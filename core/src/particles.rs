@@ -43,6 +43,19 @@ pub struct Particle {
     pub(crate) samples: [u32; 2],
 }
 
+impl Particle {
+    /// A particle of an all-zero pool.
+    pub const UNUSED: Self = Self {
+        map_from_robot: Pose2::IDENTITY,
+        node: NodeId::NONE,
+        draws: 0,
+        parent: 0,
+        weight: 0.0,
+        log_weight: 0.0,
+        samples: [0, 0],
+    };
+}
+
 /// A pose being tried. All zero when unused.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Sample {
@@ -58,6 +71,12 @@ pub struct Sample {
     pub draws: u16,
     /// Leaf that it will have.
     pub(crate) node: NodeId,
+}
+
+impl Sample {
+    /// A sample of an all-zero pool.
+    pub const UNUSED: Self =
+        Self { map_from_robot: Pose2::IDENTITY, log_weight: 0.0, weight: 0.0, parent: 0, draws: 0, node: NodeId::NONE };
 }
 
 /// What the weights say.

@@ -20,11 +20,11 @@ crate::config! {
     pub struct PerceptionConfig {
         /// σ of eq. (3.38): distance of a ray's end from the square it stopped in, m. Laser's noise, the square's size and
         /// what the map is off. The thesis: the laser's at the low level, 0.07 at the high one; the original: 0.13 and 0.41.
-        sigma_m: f32 = 0.07, in 0.005..=2.0;
+        sigma_m: f32 = 0.1, in 0.005..=2.0;
         /// How far about the measured end squares count, in σ. Larger is slower. The original: 4.4.
         reach_sigmas: f32 = 3.0, in 1.0..=6.0;
         /// Least likelihood of one ray, of at most 1: so that somebody walking by cannot kill a particle. The original: 0.316.
-        floor: f32 = 0.1, in 0.000001..=1.0;
+        floor: f32 = 0.3, in 0.000001..=1.0;
         /// Mean distance that a ray runs through squares never seen before it stops, m. The original: 8.0.
         unseen_free_m: f32 = 8.0, in 0.1..=1000.0;
         /// Weight of that prior beside what was seen: as if rays had run so far in every square, m. The original: 0.11.
@@ -34,8 +34,9 @@ crate::config! {
         given_stop: bool = false;
         /// Every so many rays are looked at; cost is in inverse proportion. The thesis: 1.
         beam_step: u16 = 1, in 1..=100;
-        /// The log-likelihood is multiplied by this: below 1 where beams are not independent. The thesis: 1.
-        gain: f32 = 1.0, in 0.001..=10.0;
+        /// The log-likelihood is multiplied by this: below 1 where beams are not independent, since they all share
+        /// the map's errors. At 1 the weights of 60 particles count for 3 of them, at 0.2 for 15 and the path is better. The thesis: 1.
+        gain: f32 = 0.2, in 0.001..=10.0;
     }
 }
 

@@ -29,6 +29,11 @@ pub struct Ray {
     pub hit: bool,
 }
 
+impl Ray {
+    /// A ray of an all-zero pool.
+    pub const UNUSED: Self = Self { direction: Point2::new(0.0, 0.0), length_m: 0.0, hit: false };
+}
+
 /// More usable beams than the memory lent for them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("room for {capacity} rays, the scan has more")]

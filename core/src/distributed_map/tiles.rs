@@ -60,6 +60,17 @@ pub struct TileHeader {
     previous: TileId,
 }
 
+impl TileHeader {
+    /// Of a tile that nobody owns.
+    pub const FREE: Self = Self {
+        place: TilePlace { column: 0, row: 0 },
+        owner: NodeId::NONE,
+        base: TileId::NONE,
+        next: TileId::NONE,
+        previous: TileId::NONE,
+    };
+}
+
 /// Memory that a [`DistributedMap`] lives in, lent by the caller.
 #[derive(Debug)]
 pub struct MapMemory<'m, const SIDE: usize> {
@@ -154,6 +165,11 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
     /// Tiles in use.
     pub fn tiles_used(&self) -> usize {
         self.used as usize
+    }
+
+    /// Tiles of the root: history that all particles agree on. Cost: all of them are looked at.
+    pub fn tiles_agreed(&self) -> usize {
+        self.directory.iter().map(|first| self.chain(*first).count()).sum()
     }
 
     /// Tiles that can be in use at once.

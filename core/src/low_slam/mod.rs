@@ -19,9 +19,11 @@
 //! particles, each thread with a [`Window`] of its own; every sample has its own random stream. So any number of threads
 //! gives the same bytes.
 
+mod pools;
 mod upkeep;
 mod weighing;
 
+pub use pools::{LowSlamPools, SmallPools};
 pub use weighing::{RefinementConfig, Weighing};
 
 use crate::ancestry::{Ancestry, AncestryMemoryError, Node, NodeId};

@@ -94,7 +94,7 @@ proptest! {
     #[test]
     fn likelihood_is_that_of_the_equations(seed in any::<u64>(), given_stop: bool) {
         let mut rng = RandomStream::new(seed, 0, 0);
-        let config = PerceptionConfig { floor: 1e-6, given_stop, ..PerceptionConfig::default() };
+        let config = PerceptionConfig { floor: 1e-6, given_stop, gain: 1.0, ..PerceptionConfig::default() };
         let model = PerceptionModel::new(&config, SIZE);
         let mut pose = || {
             let (x, y) = (uniform(&mut rng) - 0.5, uniform(&mut rng) - 0.5);
@@ -126,7 +126,7 @@ fn the_true_pose_is_likeliest() {
         let best = model.log_likelihood(view, &rays, at);
         for off in [Pose2::new(0.3, 0.0, 0.0), Pose2::new(0.0, -0.3, 0.0), Pose2::new(0.0, 0.0, 0.1)] {
             let there = model.log_likelihood(view, &rays, at * off);
-            assert!(there < best - 5.0, "{there} {best}");
+            assert!(there < best - 2.0, "{there} {best}");
         }
     });
 }
@@ -148,7 +148,7 @@ fn rays_out_of_the_window_and_wild_poses_give_finite_or_no_chance() {
 #[test]
 fn one_ray_takes_no_more_than_the_floor_allows() {
     let at = Pose2::IDENTITY;
-    let model = PerceptionModel::new(&PerceptionConfig::default(), SIZE);
+    let model = PerceptionModel::new(&PerceptionConfig { gain: 1.0, ..Default::default() }, SIZE);
     with_map(&[(room(3.0, at, 180), at)], |view| {
         let wrong = [Ray { direction: Point2::new(1.0, 0.0), length_m: 1.0, hit: true }];
         let value = model.log_likelihood(view, &wrong, at);
@@ -164,7 +164,8 @@ fn beam_step_and_gain_scale_the_sum() {
     let every_third: Vec<Ray> = rays.iter().step_by(3).copied().collect();
     with_map(&[(rays.clone(), at)], |view| {
         let sparse = PerceptionModel::new(&config, SIZE).log_likelihood(view, &rays, at);
-        let full = PerceptionModel::new(&PerceptionConfig::default(), SIZE).log_likelihood(view, &every_third, at);
+        let plain = PerceptionConfig { gain: 1.0, ..PerceptionConfig::default() };
+        let full = PerceptionModel::new(&plain, SIZE).log_likelihood(view, &every_third, at);
         assert!((sparse - 0.5 * full).abs() < 1e-3);
     });
 }
