@@ -6,7 +6,8 @@
 //!
 //! # Layers
 //! A module uses only what stands to its left:
-//! `math, time, config | geometry | scan, grid | filter, ndt, de | matcher | laser_odometry`.
+//! `math, time, config | geometry | scan, grid | filter, ndt, de | matcher | laser_odometry`, and
+//! `math, random, config | geometry | scan, chords, ancestry | rays, motion | distributed_map, particles | perception | low_slam`.
 //!
 //! # Data flow
 //! [`RangeScan`](scan::RangeScan) (polar) → [`filter`] → points → [`ScanMatcher`](matcher::ScanMatcher) against an

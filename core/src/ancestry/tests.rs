@@ -107,11 +107,11 @@ proptest! {
                 *count = (*count).min(room);
                 room -= *count;
             }
-            for index in 0..alive.len() {
-                tree.set_particle(alive[index], index as u16);
+            for (index, leaf) in alive.iter().enumerate() {
+                tree.set_particle(*leaf, index as u16);
             }
-            for index in 0..alive.len() {
-                if children[index] == 0 && let Some(merged) = tree.prune(alive[index], &mut ())
+            for (index, count) in children.iter().enumerate() {
+                if *count == 0 && let Some(merged) = tree.prune(alive[index], &mut ())
                     && let Some(particle) = tree.particle(merged) {
                         alive[particle] = merged;
                 }

@@ -7,8 +7,8 @@ use crate::random::RandomStream;
 use crate::rays::Ray;
 use proptest::prelude::*;
 use std::collections::HashMap;
+use std::vec;
 use std::vec::Vec;
-use std::{format, vec};
 extern crate std;
 
 const SIDE: usize = 4;
@@ -86,8 +86,8 @@ impl<'m> Rig<'m> {
         for index in 0..self.particles.len() {
             self.tree.set_particle(self.particles[index].node, index as u16);
         }
-        for index in 0..self.particles.len() {
-            if children[index] == 0 {
+        for (index, count) in children.iter().enumerate() {
+            if *count == 0 {
                 self.prune(index);
             }
         }
@@ -307,12 +307,7 @@ fn a_printed_scan_looks_like_this() {
             (0..12).map(symbol).collect::<std::string::String>()
         })
         .collect();
-    assert_eq!(
-        picture,
-        ["????????????", "???..???????", "?.........#?", "????????????"],
-        "{}",
-        format!("{picture:#?}")
-    );
+    assert_eq!(picture, ["????????????", "???..???????", "?.........#?", "????????????"]);
 }
 
 #[test]

@@ -77,7 +77,7 @@ fn oracle(config: &PerceptionConfig, view: MapView<'_, '_, SIDE>, ray: &Ray, pos
     for (enter, leave, density) in stops {
         let stop = 1.0 - (-density * (leave - enter)).exp();
         let off = (enter + leave) / 2.0 - end;
-        if leave > end - f64::from(config.reach_sigmas) * sigma {
+        if off.abs() < f64::from(config.reach_sigmas) * sigma {
             likelihood += pass * stop * (-off * off / (2.0 * sigma * sigma)).exp();
         }
         pass *= 1.0 - stop;
