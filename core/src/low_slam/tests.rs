@@ -304,3 +304,19 @@ fn numbers_without_meaning_do_not_stop_it() {
     let empty = slam.step(&as_scan(&[]), &Wild).unwrap();
     assert_eq!(empty.rays, 0);
 }
+
+#[test]
+fn pools_of_a_microcontroller_are_enough_for_a_room() {
+    let mut pools = std::boxed::Box::new(SmallPools::EMPTY);
+    let mut slam = LowSlam::new(&configs(32), Pose2::IDENTITY, 1, pools.lend()).unwrap();
+    assert_eq!(slam.particles_max(), 32);
+    let (mut before, mut worst) = (Pose2::IDENTITY, 0.0_f32);
+    for (step, pose) in path(60).enumerate() {
+        let beams = scan_at(pose, step as u32);
+        let report = slam.step(&as_scan(&beams), &biased(before, pose)).unwrap();
+        assert_eq!((report.squares_left_out, report.rays_cut), (0, 0));
+        worst = worst.max(distance(report.map_from_robot, pose));
+        before = pose;
+    }
+    assert!(worst < 0.15, "off by up to {worst} m");
+}
