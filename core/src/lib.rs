@@ -6,7 +6,8 @@
 //!
 //! # Layers
 //! A module uses only what stands to its left:
-//! `math, time, config | geometry | scan, grid, sweep | filter, ndt, de, lrf | matcher | laser_odometry`.
+//! `math, time, config | geometry | scan, grid, sweep | filter, ndt, de, lrf | matcher | laser_odometry`, and
+//! `math, random, config | geometry | scan, chords, ancestry | rays, motion | distributed_map, particles | perception | low_slam`.
 //!
 //! # Data flow
 //! [`RangeScan`](scan::RangeScan) (polar) → [`filter`] → points → [`ScanMatcher`](matcher::ScanMatcher) against an
@@ -38,20 +39,25 @@
     )
 )]
 
-#[cfg(test)]
-#[macro_use]
-extern crate std;
-
+pub mod ancestry;
+pub mod chords;
 pub mod config;
 pub mod de;
+pub mod distributed_map;
 pub mod filter;
 pub mod geometry;
 pub mod grid;
 pub mod laser_odometry;
+pub mod low_slam;
 pub mod lrf;
 pub mod matcher;
 pub mod math;
+pub mod motion;
 pub mod ndt;
+pub mod particles;
+pub mod perception;
+pub mod random;
+pub mod rays;
 pub mod scan;
 pub mod sweep;
 pub mod time;

@@ -241,7 +241,7 @@ impl<'m> ScanMatcher<'m> {
     fn settle(&self, objective: &Objective<'_, '_>, pose: Pose2) -> Pose2 {
         let (axis, constraint) = self.weakest_axis(objective, pose);
         let prior = &objective.prior;
-        if prior.position <= 0.0 || !(constraint < self.config.constraint_trusted) {
+        if prior.position <= 0.0 || constraint >= self.config.constraint_trusted {
             return pose;
         }
         let noise = objective.ndt.config().noise_m.max(0.01);

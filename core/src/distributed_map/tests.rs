@@ -1,0 +1,324 @@
+use super::*;
+use crate::ancestry::{Ancestry, Node, NodeId};
+use crate::chords::Chord;
+use crate::geometry::{Point2, Pose2};
+use crate::math::{sin_cos, uniform};
+use crate::random::RandomStream;
+use crate::rays::Ray;
+use proptest::prelude::*;
+use std::collections::HashMap;
+use std::vec;
+use std::vec::Vec;
+
+const SIDE: usize = 4;
+const CONFIG: ParticleMapConfig = ParticleMapConfig { square_size_m: 0.25 };
+type WholeMap = HashMap<(i32, i32), Square>;
+
+/// Memory for a map, to be lent.
+struct Memory {
+    nodes: Vec<Node>,
+    tiles: Vec<Tile<SIDE>>,
+    headers: Vec<TileHeader>,
+    node_tiles: Vec<TileId>,
+    directory: Vec<TileId>,
+    slots: Vec<TileId>,
+}
+
+impl Memory {
+    fn new(tiles: usize, nodes: usize) -> Self {
+        Self {
+            nodes: vec![Node::default(); nodes],
+            tiles: vec![Tile::UNSEEN; tiles],
+            headers: vec![TileHeader::default(); tiles],
+            node_tiles: vec![TileId::NONE; nodes],
+            directory: vec![TileId::NONE; 16],
+            slots: vec![TileId::NONE; 16 * 16],
+        }
+    }
+
+    fn lend(&mut self) -> (Ancestry<'_>, DistributedMap<'_, SIDE>, Window<'_>) {
+        let memory = MapMemory {
+            tiles: &mut self.tiles,
+            headers: &mut self.headers,
+            node_tiles: &mut self.node_tiles,
+            directory: &mut self.directory,
+        };
+        let map = DistributedMap::new(&CONFIG, memory).unwrap();
+        (Ancestry::new(&mut self.nodes).unwrap(), map, Window::new(&mut self.slots).unwrap())
+    }
+}
+
+/// A particle of a filter that copies whole maps.
+#[derive(Clone)]
+struct Copying {
+    node: NodeId,
+    map: WholeMap,
+}
+
+struct Rig<'m> {
+    tree: Ancestry<'m>,
+    map: DistributedMap<'m, SIDE>,
+    window: Window<'m>,
+    particles: Vec<Copying>,
+    rng: RandomStream,
+    centre: Point2,
+}
+
+impl<'m> Rig<'m> {
+    fn new(memory: &'m mut Memory, seed: u64) -> Self {
+        let (tree, map, window) = memory.lend();
+        let particles = vec![Copying { node: NodeId::ROOT, map: WholeMap::new() }];
+        Self { tree, map, window, particles, rng: RandomStream::new(seed, 0, 0), centre: Point2::default() }
+    }
+
+    fn prune(&mut self, index: usize) {
+        let leaf = self.particles[index].node;
+        if let Some(merged) = self.tree.prune(leaf, &mut self.map)
+            && let Some(particle) = self.tree.particle(merged)
+        {
+            self.particles[particle].node = merged;
+        }
+    }
+
+    /// `children[i]` is the number of survivors that descend from particle i.
+    fn resample(&mut self, children: &[usize]) {
+        for index in 0..self.particles.len() {
+            self.tree.set_particle(self.particles[index].node, index as u16);
+        }
+        for (index, count) in children.iter().enumerate() {
+            if *count == 0 {
+                self.prune(index);
+            }
+        }
+        let mut survivors = Vec::new();
+        for (particle, count) in self.particles.iter().zip(children) {
+            for _ in 0..*count {
+                let node = if *count == 1 { particle.node } else { self.tree.add(particle.node).unwrap() };
+                survivors.push(Copying { node, map: particle.map.clone() });
+            }
+        }
+        self.particles = survivors;
+    }
+
+    /// Prints a random scan of a few rays into every particle's map, and into its copy.
+    fn print(&mut self) {
+        let tile_m = SIDE as f32 * CONFIG.square_size_m;
+        let reach = Point2::new(5.5, 5.5);
+        let side = self.window.side();
+        let frame = WindowFrame::around(self.centre - reach, self.centre + reach, side, tile_m);
+        self.window.open(&self.map, &self.tree, frame, self.tree.first_leaf(NodeId::ROOT));
+        for index in 0..self.particles.len() {
+            assert_eq!(self.window.leaf(), self.particles[index].node, "particles are in the tree's order");
+            let rays: Vec<Ray> = (0..3).map(|_| self.random_ray()).collect();
+            let offset = Point2::new(self.random(-0.5, 0.5), self.random(-0.5, 0.5));
+            let at = self.centre + offset;
+            let pose = Pose2::new(at.x, at.y, self.random(-3.0, 3.0));
+            self.print_copy(index, &rays, pose);
+            Print::new(&rays, pose).run(&mut self.map, &mut self.window).unwrap();
+            self.compare_window(index);
+            if index + 1 < self.particles.len() {
+                self.window.next_leaf(&self.map, &self.tree).unwrap();
+            }
+        }
+        assert_eq!(self.window.next_leaf(&self.map, &self.tree), None);
+    }
+
+    fn print_copy(&mut self, index: usize, rays: &[Ray], pose: Pose2) {
+        let corner = self.window.place_of(0);
+        let origin = (i32::from(corner.column) * SIDE as i32, i32::from(corner.row) * SIDE as i32);
+        let start = self.window.to_squares::<SIDE>(pose.position(), CONFIG.square_size_m);
+        let (sin, cos) = sin_cos(pose.heading);
+        for ray in rays {
+            let direction = Point2::new(
+                cos * ray.direction.x - sin * ray.direction.y,
+                sin * ray.direction.x + cos * ray.direction.y,
+            );
+            let (chords, cut) = self.window.ray::<SIDE>(start, direction, ray.length_m / CONFIG.square_size_m);
+            let chords: Vec<Chord> = chords.collect();
+            for (place, chord) in chords.iter().enumerate() {
+                let square = self.particles[index].map.entry((chord.x + origin.0, chord.y + origin.1)).or_default();
+                let is_end = ray.hit && !cut && place + 1 == chords.len();
+                if is_end { square.hit(chord.length()) } else { square.pass(chord.length()) }
+            }
+        }
+    }
+
+    /// What the window shows is what the copy holds.
+    fn compare_window(&self, index: usize) {
+        let corner = self.window.place_of(0);
+        let origin = (i32::from(corner.column) * SIDE as i32, i32::from(corner.row) * SIDE as i32);
+        let view = MapView::new(&self.map, &self.window);
+        for ((x, y), square) in &self.particles[index].map {
+            let (x, y) = (x - origin.0, y - origin.1);
+            let reach = 6 * SIDE as i32..10 * SIDE as i32;
+            if reach.contains(&x) && reach.contains(&y) {
+                assert_eq!(view.square(x, y), *square);
+            }
+        }
+    }
+
+    /// What a particle sees anywhere is what the copy holds, and no tile is in use that nobody owns.
+    fn compare_all(&self) {
+        for particle in &self.particles {
+            let mut seen: HashMap<TilePlace, &Tile<SIDE>> = HashMap::new();
+            for (place, tile) in self.map.tiles_seen_from(&self.tree, particle.node) {
+                seen.entry(place).or_insert(tile);
+            }
+            let mut squares = WholeMap::new();
+            for (place, tile) in seen {
+                for (y, row) in tile.rows().iter().enumerate() {
+                    for (x, square) in row.iter().enumerate().filter(|(_, square)| **square != Square::UNSEEN) {
+                        let corner = (i32::from(place.column) * SIDE as i32, i32::from(place.row) * SIDE as i32);
+                        squares.insert((corner.0 + x as i32, corner.1 + y as i32), *square);
+                    }
+                }
+            }
+            let copy = particle.map.iter().filter(|(_, square)| **square != Square::UNSEEN);
+            assert_eq!(squares.len(), copy.clone().count());
+            assert!(copy.clone().all(|(place, square)| squares.get(place) == Some(square)));
+        }
+    }
+
+    fn random(&mut self, low: f32, high: f32) -> f32 {
+        low + uniform(&mut self.rng) * (high - low)
+    }
+
+    fn random_ray(&mut self) -> Ray {
+        let (sin, cos) = sin_cos(self.random(-3.0, 3.0));
+        Ray { direction: Point2::new(cos, sin), length_m: self.random(0.1, 4.0), hit: uniform(&mut self.rng) < 0.7 }
+    }
+
+    /// Random numbers of children, at most `limit` in all.
+    fn random_children(&mut self, limit: usize) -> Vec<usize> {
+        let mut room = limit;
+        let mut children: Vec<usize> = (0..self.particles.len())
+            .map(|_| {
+                let count = ((uniform(&mut self.rng) * 2.6) as usize).min(room);
+                room -= count;
+                count
+            })
+            .collect();
+        if children.iter().all(|count| *count == 0) {
+            children[0] = 2.min(limit);
+        }
+        children
+    }
+
+    fn generation(&mut self, limit: usize) {
+        let children = self.random_children(limit);
+        self.resample(&children);
+        self.centre = self.centre + Point2::new(self.random(-0.7, 0.9), self.random(-0.8, 0.8));
+        self.print();
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+    #[test]
+    fn map_read_through_every_particle_is_the_one_a_copying_filter_holds(seed in any::<u64>()) {
+        let mut memory = Memory::new(6000, 20);
+        let mut rig = Rig::new(&mut memory, seed);
+        for _ in 0..30 {
+            rig.generation(10);
+            rig.compare_all();
+        }
+    }
+}
+
+#[test]
+fn no_tile_leaks_over_a_hundred_thousand_generations() {
+    let mut memory = Memory::new(4000, 8);
+    let mut rig = Rig::new(&mut memory, 5);
+    for _ in 0..100_000 {
+        let children = rig.random_children(4);
+        rig.resample(&children);
+        // The robot stays about the origin, so that the history all agree on stays small.
+        rig.centre = Point2::new(rig.random(-2.0, 2.0), rig.random(-2.0, 2.0));
+        rig.particles.iter_mut().for_each(|particle| particle.map.clear());
+        let rays = [rig.random_ray()];
+        let frame = WindowFrame::around(Point2::new(-7.0, -7.0), Point2::new(7.0, 7.0), 16, 1.0);
+        let pose = Pose2::new(rig.centre.x, rig.centre.y, 0.0);
+        rig.window.open(&rig.map, &rig.tree, frame, rig.tree.first_leaf(NodeId::ROOT));
+        loop {
+            Print::new(&rays, pose).run(&mut rig.map, &mut rig.window).unwrap();
+            if rig.window.next_leaf(&rig.map, &rig.tree).is_none() {
+                break;
+            }
+        }
+    }
+    for index in 0..rig.particles.len() {
+        rig.tree.set_particle(rig.particles[index].node, index as u16);
+    }
+    (1..rig.particles.len()).for_each(|index| rig.prune(index));
+    assert_eq!(rig.tree.nodes_used(), 1);
+    let seen = rig.map.tiles_seen_from(&rig.tree, NodeId::ROOT).count();
+    assert_eq!(rig.map.tiles_used(), seen);
+    assert!(seen <= 14 * 14, "{seen} tiles for a place of 14 × 14");
+}
+
+#[test]
+fn full_pool_stops_the_print_and_it_goes_on_when_there_is_room() {
+    let mut memory = Memory::new(4, 8);
+    let (tree, mut map, mut window) = memory.lend();
+    let frame = WindowFrame::around(Point2::new(-7.0, -7.0), Point2::new(7.0, 7.0), 16, 1.0);
+    window.open(&map, &tree, frame, NodeId::ROOT);
+    let rays = [Ray { direction: Point2::new(1.0, 0.0), length_m: 4.5, hit: true }];
+    let mut print = Print::new(&rays, Pose2::new(0.1, 0.1, 0.0));
+    assert_eq!(print.run(&mut map, &mut window), Err(PoolFullError));
+    assert_eq!(print.run(&mut map, &mut window), Err(PoolFullError));
+    let mut skipped = 0;
+    let report = loop {
+        match print.run(&mut map, &mut window) {
+            Ok(report) => break report,
+            Err(PoolFullError) => print.skip_square(),
+        }
+        skipped += 1;
+    };
+    assert_eq!(report, PrintReport { rays_cut: 0, squares_left_out: skipped });
+    assert_eq!((map.tiles_used(), skipped), (3, 7));
+}
+
+#[test]
+fn a_printed_scan_looks_like_this() {
+    let mut memory = Memory::new(40, 8);
+    let (tree, mut map, mut window) = memory.lend();
+    let frame = WindowFrame::around(Point2::new(0.0, 0.0), Point2::new(2.9, 0.9), 16, 1.0);
+    window.open(&map, &tree, frame, NodeId::ROOT);
+    let ray = |x, y, length_m, hit| Ray { direction: Point2::new(x, y), length_m, hit };
+    let rays = [ray(1.0, 0.0, 2.0, true), ray(0.8, 0.6, 0.6, false), ray(-1.0, 0.0, 9.0, true)];
+    let report = Print::new(&rays, Pose2::new(0.6, 0.3, 0.0)).run(&mut map, &mut window).unwrap();
+    assert_eq!(report.rays_cut, 1, "the third ray left the frame and marks no end");
+    let view = MapView::new(&map, &window);
+    let corner = view.to_squares(Point2::new(0.0, 0.0));
+    let picture: Vec<_> = (0..4)
+        .rev()
+        .map(|y| {
+            let symbol = |x: i32| {
+                let square = view.square(corner.x as i32 + x, corner.y as i32 + y);
+                if square.hits() > 0 {
+                    '#'
+                } else if square.distance() > 0 {
+                    '.'
+                } else {
+                    '?'
+                }
+            };
+            (0..12).map(symbol).collect::<std::string::String>()
+        })
+        .collect();
+    assert_eq!(picture, ["????????????", "???..???????", "?.........#?", "????????????"]);
+}
+
+#[test]
+fn memory_that_does_not_fit_is_refused() {
+    let mut memory = Memory::new(4, 8);
+    memory.directory.pop();
+    let lent = MapMemory {
+        tiles: &mut memory.tiles,
+        headers: &mut memory.headers,
+        node_tiles: &mut memory.node_tiles,
+        directory: &mut memory.directory,
+    };
+    assert_eq!(DistributedMap::new(&CONFIG, lent).unwrap_err(), MapMemoryError::Directory(15));
+    assert_eq!(Window::new(&mut [TileId::NONE; 8]).unwrap_err(), WindowMemoryError(8));
+}

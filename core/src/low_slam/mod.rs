@@ -1,0 +1,365 @@
+//! The low level of DP-SLAM: a particle filter over whole maps, one scan at a time (thesis figure 4.20).
+//!
+//! scan → rays → **predict** every sample's pose ([`Motion`]) → **weigh** it against its map ([`PerceptionModel`]) → **resample**
+//! → **advance** the ancestry (prune, collapse, add; the map is told) → **print** the scan into the survivors' maps.
+//!
+//! # Memory
+//! All of it is lent by the caller ([`LowSlamMemory`]) and nothing grows. When tiles run out, the least likely particles go
+//! until the tree has given enough back; their places are drawn anew at the next resampling. With one particle
+//! left, what finds no tile is left out. The [`StepReport`] says all of that. With P particles, 2P nodes are always enough; the
+//! filter takes no more particles than its memory has room for ([`LowSlam::particles_max`]).
+//!
+//! # Path
+//! The core keeps no path: it would grow with the run. [`Particle::parent`] and [`Particle::map_from_robot`] of every step, read
+//! after it from [`LowSlam::particles`], are the genealogy: who stores them walks from the best particle's index
+//! back, parent by parent, and has the history that its map was built from.
+//!
+//! # Threads
+//! Weighing takes most of the time when more samples are tried than kept. [`LowSlam::step_with`] hands it to the caller, who may share out ranges of
+//! particles, each thread with a [`Window`] of its own; every sample has its own random stream. So any number of threads
+//! gives the same bytes.
+
+mod pools;
+mod upkeep;
+mod weighing;
+
+pub use pools::{LowSlamPools, SmallPools};
+pub use weighing::{RefinementConfig, Weighing};
+
+use crate::ancestry::{Ancestry, AncestryMemoryError, Node, NodeId};
+use crate::distributed_map::{
+    DistributedMap, MapMemory, MapMemoryError, ParticleMapConfig, TileId, Window, WindowFrame, WindowMemoryError,
+};
+use crate::geometry::{Point2, Pose2};
+use crate::motion::Motion;
+use crate::particles::{self, Particle, Resampling, Sample, Weights};
+use crate::perception::{PerceptionConfig, PerceptionModel};
+use crate::random::RandomStream;
+use crate::rays::{self, Ray, RayCapacityError, RayConfig};
+use crate::scan::RangeScan;
+
+crate::config! {
+    /// Particle filter of the low level (thesis figure 4.20).
+    pub struct LowSlamConfig {
+        /// P, particles kept at most; time and memory are in proportion. The original: 50.
+        particles: u16 = 100, in 1..=10000;
+        /// Poses tried for each particle kept, with one map: time is in proportion, memory is not. The thesis: 1; the original: 10.
+        samples_per_particle: u16 = 1, in 1..=100;
+        /// Resample when the effective sample size falls below this share of P; 1: after every scan, as the thesis does. Between, weights
+        /// add up: particles are compared by several scans and fewer good ones die of chance, which is what closing a loop lives on. Ignored with
+        /// more samples than particles, where only resampling chooses who is kept.
+        resample_share: f32 = 0.5, in 0.0..=1.0;
+        /// How survivors are drawn. The thesis: "multinomial", which adds noise for nothing.
+        resampling: Resampling = Resampling::Systematic;
+    }
+}
+
+/// The configuration of the low level with all its parts.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LowSlamConfigs {
+    /// Particles.
+    pub filter: LowSlamConfig,
+    /// Maps.
+    pub map: ParticleMapConfig,
+    /// Beams.
+    pub rays: RayConfig,
+    /// Weights.
+    pub perception: PerceptionConfig,
+    /// Proposal.
+    pub refinement: RefinementConfig,
+}
+
+/// Memory that a [`LowSlam`] works in, lent by the caller; all zero at first.
+#[derive(Debug)]
+pub struct LowSlamMemory<'m, const SIDE: usize> {
+    /// See [`DistributedMap::new`]; one of its `node_tiles` for each of `nodes`.
+    pub map: MapMemory<'m, SIDE>,
+    /// Two for each particle.
+    pub nodes: &'m mut [Node],
+    /// P.
+    pub particles: &'m mut [Particle],
+    /// P times the samples per particle.
+    pub samples: &'m mut [Sample],
+    /// One for each beam of a scan.
+    pub rays: &'m mut [Ray],
+    /// See [`Window::new`]; 4ⁿ, so many that its side covers twice the range and what particles are apart.
+    pub window: &'m mut [TileId],
+}
+
+/// The memory lent to a [`LowSlam`] does not fit together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LowSlamMemoryError {
+    /// Of the tree.
+    #[error(transparent)]
+    Ancestry(#[from] AncestryMemoryError),
+    /// Of the map.
+    #[error(transparent)]
+    Map(#[from] MapMemoryError),
+    /// Of the window.
+    #[error(transparent)]
+    Window(#[from] WindowMemoryError),
+    /// There must be room for one particle with its samples, and a tile list for each node.
+    #[error("no room for a particle with its samples, or fewer tile lists than nodes")]
+    Particles,
+}
+
+/// What one step did.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct StepReport {
+    /// Where the most likely particle is.
+    pub map_from_robot: Pose2,
+    /// Its index among [`LowSlam::particles`].
+    pub best: usize,
+    /// Particles alive.
+    pub particles: usize,
+    /// Poses tried.
+    pub samples: usize,
+    /// 1 to `samples`, before resampling.
+    pub effective_sample_size: f32,
+    /// Log weight of the best sample, with what it carried on from the steps before.
+    pub best_log_weight: f32,
+    /// True if survivors were drawn; false if all went on with their weights.
+    pub resampled: bool,
+    /// Usable rays of the scan.
+    pub rays: usize,
+    /// Rays that left the window while printing, all particles together: the window is too small.
+    pub rays_cut: u32,
+    /// Nodes of the ancestry tree.
+    pub nodes: usize,
+    /// Edges from its root to the deepest leaf.
+    pub depth: usize,
+    /// Tiles in use, all maps together.
+    pub tiles: usize,
+    /// Particles that had to go because the pool of tiles was full.
+    pub dropped: usize,
+    /// Squares left out because no tile was free with one particle left.
+    pub squares_left_out: u32,
+}
+
+/// The filter; see the [module](self).
+#[derive(Debug)]
+pub struct LowSlam<'m, const SIDE: usize> {
+    config: LowSlamConfigs,
+    robot_from_lrf: Pose2,
+    seed: u64,
+    steps: u32,
+    model: PerceptionModel,
+    ancestry: Ancestry<'m>,
+    map: DistributedMap<'m, SIDE>,
+    window: Window<'m>,
+    particles: &'m mut [Particle],
+    samples: &'m mut [Sample],
+    rays: &'m mut [Ray],
+    /// Of these slices, what is in use.
+    particle_count: usize,
+    sample_count: usize,
+    ray_count: usize,
+    particles_max: u16,
+}
+
+impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
+    /// A filter whose particles all are at the map's origin and have seen nothing yet.
+    ///
+    /// * `robot_from_lrf` — where the laser sits on the robot; `seed` — of all random numbers
+    ///
+    /// # Errors
+    /// [`LowSlamMemoryError`] if the memory does not fit together.
+    pub fn new(
+        config: &LowSlamConfigs,
+        robot_from_lrf: Pose2,
+        seed: u64,
+        memory: LowSlamMemory<'m, SIDE>,
+    ) -> Result<Self, LowSlamMemoryError> {
+        let LowSlamMemory { map, nodes, particles, samples, rays, window } = memory;
+        let lists = map.node_tiles.len();
+        let has_lists = lists >= nodes.len();
+        let ancestry = Ancestry::new(nodes)?;
+        let per_particle = usize::from(config.filter.samples_per_particle.max(1));
+        let room = ancestry.particles_max().min(particles.len()).min(samples.len() / per_particle);
+        let particles_max = config.filter.particles.min(u16::try_from(room).unwrap_or(u16::MAX));
+        let Some(first) = particles.first_mut().filter(|_| particles_max > 0 && has_lists) else {
+            return Err(LowSlamMemoryError::Particles);
+        };
+        *first = Particle { node: NodeId::ROOT, draws: particles_max, weight: 1.0, ..Particle::default() };
+        Ok(Self {
+            config: *config,
+            robot_from_lrf,
+            seed,
+            steps: 0,
+            model: PerceptionModel::new(&config.perception, config.map.square_size_m),
+            ancestry,
+            map: DistributedMap::new(&config.map, map)?,
+            window: Window::new(window)?,
+            particles,
+            samples,
+            rays,
+            particle_count: 1,
+            sample_count: 0,
+            ray_count: 0,
+            particles_max,
+        })
+    }
+
+    /// P: particles that the configuration asks for, or that the memory has room for.
+    pub fn particles_max(&self) -> usize {
+        usize::from(self.particles_max)
+    }
+
+    /// The particles after the last step, in the order of the tree's leaves.
+    pub fn particles(&self) -> &[Particle] {
+        self.particles.get(..self.particle_count).unwrap_or_default()
+    }
+
+    /// The samples of the last step, in the order of the particles they came from.
+    pub fn samples(&self) -> &[Sample] {
+        self.samples.get(..self.sample_count).unwrap_or_default()
+    }
+
+    /// All particles' maps.
+    pub fn map(&self) -> &DistributedMap<'m, SIDE> {
+        &self.map
+    }
+
+    /// The tree.
+    pub fn ancestry(&self) -> &Ancestry<'m> {
+        &self.ancestry
+    }
+
+    /// One step of figure 4.20, on one thread; see [`step_with`](Self::step_with).
+    ///
+    /// # Errors
+    /// [`RayCapacityError`] if the scan has more beams than memory was lent for.
+    pub fn step(&mut self, scan: &RangeScan<'_>, motion: &impl Motion) -> Result<StepReport, RayCapacityError> {
+        self.step_with(scan, motion, |weighing, samples, window| {
+            weighing.weigh(0..weighing.particles(), samples, window)
+        })
+    }
+
+    /// One step of figure 4.20.
+    ///
+    /// * `scan` — taken by the laser now; `motion` — what the robot did since the last scan (not looked at by the first step)
+    /// * `weigh` — must have every particle weighed once by [`Weighing::weigh`], on any thread; is lent the samples and a
+    ///   window for one thread
+    ///
+    /// # Errors
+    /// [`RayCapacityError`] if the scan has more beams than memory was lent for; nothing has changed then.
+    pub fn step_with(
+        &mut self,
+        scan: &RangeScan<'_>,
+        motion: &impl Motion,
+        weigh: impl FnOnce(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
+    ) -> Result<StepReport, RayCapacityError> {
+        self.ray_count = rays::rays_of(&self.config.rays, scan, self.rays)?;
+        let mut report = StepReport::default();
+        if self.steps == 0 {
+            self.stay_at_origin(); // "first read? all particles at x = 0, y = 0, θ = 0"
+        } else {
+            self.predict(motion); // "predict, using motion model + particles t−1"
+        }
+        let frame = self.frame();
+        if self.steps > 0 {
+            self.weigh(frame, weigh); // "weigh out, using perception model + low map t−1": eq. (3.39)
+        }
+        let weights = particles::normalise(self.samples_mut()).unwrap_or_default();
+        report.resampled = self.resample(&weights); // "resampling particles"
+        self.advance(); // §3.2.3.2: prune, collapse, add
+        self.print(frame, &mut report); // "print low map"
+        self.steps = self.steps.saturating_add(1); // "t = t + 1"
+        self.finish(&weights, &mut report);
+        Ok(report)
+    }
+
+    /// One sample, which stands for all draws.
+    fn stay_at_origin(&mut self) {
+        self.sample_count = 1;
+        if let (Some(sample), Some(particle)) = (self.samples.first_mut(), self.particles.first_mut()) {
+            *sample = Sample { map_from_robot: particle.map_from_robot, ..Sample::default() };
+            particle.samples = [0, 1];
+        }
+    }
+
+    /// Every draw of a particle tries its samples' poses, each with its own random stream.
+    fn predict(&mut self, motion: &impl Motion) {
+        let shares = u32::from(self.config.filter.samples_per_particle.max(1));
+        let mut next = 0;
+        let particles = self.particles.iter_mut().take(self.particle_count);
+        for (parent, particle) in particles.enumerate() {
+            let end = next + u32::from(particle.draws) * shares;
+            particle.samples = [next, end];
+            for (index, sample) in (next..end).zip(self.samples.iter_mut().skip(next as usize)) {
+                let mut rng = RandomStream::new(self.seed, self.steps, index);
+                let map_from_robot = motion.sample(particle.map_from_robot, &mut rng);
+                let parent = parent as u16;
+                *sample = Sample { map_from_robot, log_weight: particle.log_weight, parent, ..Sample::default() };
+            }
+            next = end;
+        }
+        self.sample_count = (next as usize).min(self.samples.len());
+    }
+
+    fn weigh(
+        &mut self,
+        frame: WindowFrame,
+        weigh: impl FnOnce(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
+    ) {
+        let weighing = Weighing {
+            map: &self.map,
+            ancestry: &self.ancestry,
+            particles: self.particles.get(..self.particle_count).unwrap_or_default(),
+            rays: self.rays.get(..self.ray_count).unwrap_or_default(),
+            model: &self.model,
+            refinement: &self.config.refinement,
+            robot_from_lrf: self.robot_from_lrf,
+            frame,
+        };
+        weigh(&weighing, self.samples.get_mut(..self.sample_count).unwrap_or_default(), &mut self.window);
+    }
+
+    /// Draws survivors if the weights have become too unequal, or there are too many samples; else all go on.
+    fn resample(&mut self, weights: &Weights) -> bool {
+        let enough = self.config.filter.resample_share * f32::from(self.particles_max);
+        let drawn = self.sample_count > self.particles_max() || weights.effective_sample_size <= enough;
+        let draws = self.particles_max;
+        if self.steps == 0 {
+            self.samples.iter_mut().take(1).for_each(|sample| sample.draws = draws);
+            return false;
+        }
+        if drawn {
+            let mut rng = RandomStream::new(self.seed, self.steps, u32::MAX);
+            particles::resample(self.config.filter.resampling, self.samples_mut(), draws, &mut rng);
+        }
+        for sample in self.samples_mut() {
+            if drawn {
+                sample.log_weight = 0.0;
+            } else {
+                sample.draws = 1;
+                sample.log_weight -= weights.best_log_weight;
+            }
+        }
+        drawn
+    }
+
+    /// The window of this step: all samples' positions, as far as the scan's longest ray goes about them.
+    fn frame(&self) -> WindowFrame {
+        let longest = self.rays.iter().take(self.ray_count).map(|ray| ray.length_m).fold(0.0, f32::max);
+        let refined = self.config.refinement.distance_max_m();
+        let squares = 2.0 * self.config.map.square_size_m;
+        let reach = longest + self.model.reach_m() + self.robot_from_lrf.position().norm() + refined + squares;
+        let (mut low, mut high) = (Point2::new(f32::MAX, f32::MAX), Point2::new(f32::MIN, f32::MIN));
+        for pose in self.samples().iter().map(|sample| sample.map_from_robot).filter(|pose| pose.is_finite()) {
+            low = Point2::new(low.x.min(pose.x), low.y.min(pose.y));
+            high = Point2::new(high.x.max(pose.x), high.y.max(pose.y));
+        }
+        let reach = Point2::new(reach, reach);
+        let tile_m = SIDE as f32 * self.config.map.square_size_m;
+        WindowFrame::around(low - reach, high + reach, self.window.side(), tile_m)
+    }
+
+    fn samples_mut(&mut self) -> &mut [Sample] {
+        self.samples.get_mut(..self.sample_count).unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,202 @@
+//! What happens to particles between weighing and the next scan: survivors get leaves, print their scan, and go if there is no room.
+
+use crate::ancestry::{Ancestry, NodeId};
+use crate::distributed_map::{DistributedMap, Print, Window, WindowFrame};
+use crate::particles::{Particle, Weights};
+
+use super::{LowSlam, StepReport};
+
+/// How a full pool was dealt with.
+enum Room {
+    /// Another particle went.
+    OtherWent,
+    /// The printing particle is the least likely one.
+    SelfMustGo,
+    /// It is the only one.
+    None,
+}
+
+/// The particles of one step with the tree and the maps they live in.
+struct Population<'a, 'm, const SIDE: usize> {
+    particles: &'a mut [Particle],
+    ancestry: &'a mut Ancestry<'m>,
+    map: &'a mut DistributedMap<'m, SIDE>,
+}
+
+impl<const SIDE: usize> Population<'_, '_, SIDE> {
+    /// Takes a particle's leaf out of the tree; a particle whose leaf was renamed by that is told.
+    fn prune(&mut self, index: usize) {
+        let Some(leaf) = self.particles.get(index).map(|particle| particle.node) else { return };
+        let Some(merged) = self.ancestry.prune(leaf, self.map) else { return };
+        if let Some(particle) = self.ancestry.particle(merged).and_then(|owner| self.particles.get_mut(owner)) {
+            particle.node = merged;
+        }
+    }
+
+    /// The particle dies now: it is marked by having no draws.
+    fn drop(&mut self, index: usize) {
+        self.prune(index);
+        if let Some(particle) = self.particles.get_mut(index) {
+            particle.draws = 0;
+        }
+    }
+
+    /// Lets the least likely particle go, if it is not the one at `printing`.
+    fn make_room(&mut self, printing: usize) -> Room {
+        let alive = self.particles.iter().enumerate().filter(|(_, particle)| particle.draws > 0);
+        if alive.clone().count() <= 1 {
+            return Room::None;
+        }
+        match alive.min_by(|(i, a), (j, b)| a.weight.total_cmp(&b.weight).then(j.cmp(i))) {
+            Some((index, _)) if index != printing => {
+                self.drop(index);
+                Room::OtherWent
+            }
+            _ => Room::SelfMustGo,
+        }
+    }
+
+    fn node(&self, index: usize) -> NodeId {
+        self.particles.get(index).map_or(NodeId::NONE, |particle| particle.node)
+    }
+
+    /// Prints into the map of the particle that `window` shows, making room where there is none; false if it must go itself.
+    fn print(&mut self, index: usize, mut print: Print<'_>, window: &mut Window<'_>, report: &mut StepReport) -> bool {
+        loop {
+            let Ok(printed) = print.run(self.map, window) else {
+                match self.make_room(index) {
+                    Room::OtherWent => window.rename_leaf(self.node(index)),
+                    Room::SelfMustGo => return false,
+                    Room::None => print.skip_square(),
+                }
+                continue;
+            };
+            report.rays_cut += printed.rays_cut;
+            report.squares_left_out += printed.squares_left_out;
+            return true;
+        }
+    }
+}
+
+impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
+    /// Brings the tree up to the survivors (§3.2.3.2): particles without one are pruned, an only survivor goes on in its parent's leaf,
+    /// several get leaves below it. Then survivors are the particles.
+    pub(super) fn advance(&mut self) {
+        for index in 0..self.particle_count {
+            if self.survivors_of(index) == 0 {
+                self.population().prune(index);
+            }
+        }
+        for index in 0..self.particle_count {
+            self.attach_survivors(index);
+        }
+        self.take_over_survivors();
+    }
+
+    /// Number of survivors among the samples of a particle.
+    fn survivors_of(&self, index: usize) -> usize {
+        let Some([first, end]) = self.particles.get(index).map(|particle| particle.samples) else { return 0 };
+        let samples = self.samples.get(first as usize..end as usize).unwrap_or_default();
+        samples.iter().filter(|sample| sample.draws > 0).count()
+    }
+
+    /// Gives each survivor of a particle its leaf. A pool without nodes, which 2P exclude, would cost the survivor its place.
+    fn attach_survivors(&mut self, index: usize) {
+        let siblings = self.survivors_of(index);
+        let Some(Particle { node, samples: [first, end], .. }) = self.particles.get(index).copied() else { return };
+        let samples = self.samples.get_mut(first as usize..end as usize).unwrap_or_default();
+        for sample in samples.iter_mut().filter(|sample| sample.draws > 0) {
+            let leaf = if siblings == 1 { Some(node) } else { self.ancestry.add(node) };
+            sample.node = leaf.unwrap_or_default();
+            sample.draws = if leaf.is_some() { sample.draws } else { 0 };
+        }
+    }
+
+    fn take_over_survivors(&mut self) {
+        let survivors = self.samples.iter().take(self.sample_count).filter(|sample| sample.draws > 0);
+        let mut count = 0;
+        for (particle, sample) in self.particles.iter_mut().zip(survivors) {
+            *particle = Particle {
+                map_from_robot: sample.map_from_robot,
+                node: sample.node,
+                draws: sample.draws,
+                parent: sample.parent,
+                weight: sample.weight,
+                log_weight: sample.log_weight,
+                samples: [0, 0],
+            };
+            self.ancestry.set_particle(sample.node, count);
+            count += 1;
+        }
+        self.particle_count = usize::from(count);
+    }
+
+    /// Prints the scan into every particle's map. Particles for whose map there is no room go.
+    pub(super) fn print(&mut self, frame: WindowFrame, report: &mut StepReport) {
+        let rays = self.rays.get(..self.ray_count).unwrap_or_default();
+        let mut population = Population {
+            particles: self.particles.get_mut(..self.particle_count).unwrap_or_default(),
+            ancestry: &mut self.ancestry,
+            map: &mut self.map,
+        };
+        let window = &mut self.window;
+        let mut leaf = Some(population.ancestry.first_leaf(NodeId::ROOT));
+        window.open(population.map, population.ancestry, frame, leaf.unwrap_or_default());
+        while let Some(index) = leaf.and_then(|leaf| population.ancestry.particle(leaf)) {
+            let Some(particle) = population.particles.get(index) else { break };
+            let print = Print::new(rays, particle.map_from_robot * self.robot_from_lrf);
+            let stays = population.print(index, print, window, report);
+            leaf = window.next_leaf(population.map, population.ancestry);
+            if !stays {
+                let next = leaf.and_then(|leaf| population.ancestry.particle(leaf));
+                population.drop(index);
+                leaf = next.map(|next| population.node(next));
+                window.rename_leaf(leaf.unwrap_or_default());
+            }
+        }
+        report.dropped = self.close_ranks();
+    }
+
+    /// Particles without draws are taken out of their ranks; returns how many.
+    fn close_ranks(&mut self) -> usize {
+        let mut kept = 0;
+        for index in 0..self.particle_count {
+            let Some(particle) = self.particles.get(index).copied().filter(|particle| particle.draws > 0) else {
+                continue;
+            };
+            if let Some(place) = self.particles.get_mut(kept) {
+                *place = particle;
+                self.ancestry.set_particle(particle.node, kept as u16);
+                kept += 1;
+            }
+        }
+        let dropped = self.particle_count - kept;
+        self.particle_count = kept;
+        dropped
+    }
+
+    pub(super) fn finish(&self, weights: &Weights, report: &mut StepReport) {
+        let particles = self.particles();
+        let best = particles.iter().enumerate().rev().max_by(|(_, a), (_, b)| a.weight.total_cmp(&b.weight));
+        if let Some((index, particle)) = best {
+            report.best = index;
+            report.map_from_robot = particle.map_from_robot;
+        }
+        report.particles = particles.len();
+        report.samples = self.sample_count;
+        report.effective_sample_size = weights.effective_sample_size;
+        report.best_log_weight = weights.best_log_weight;
+        report.rays = self.ray_count;
+        report.nodes = self.ancestry.nodes_used();
+        report.depth = particles.iter().map(|particle| self.ancestry.depth(particle.node)).max().unwrap_or(0);
+        report.tiles = self.map.tiles_used();
+    }
+
+    fn population(&mut self) -> Population<'_, 'm, SIDE> {
+        Population {
+            particles: self.particles.get_mut(..self.particle_count).unwrap_or_default(),
+            ancestry: &mut self.ancestry,
+            map: &mut self.map,
+        }
+    }
+}

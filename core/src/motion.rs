@@ -1,0 +1,272 @@
+//! Where a particle may have gone: motion models to sample from, each given what was measured and its noise.
+//!
+//! * [`ScanMatchingMotion`] — from a scan match, the default (thesis table 4.7)
+//! * [`OdometryMotion`] — from wheel odometry (Eliazar's model, thesis eq. 4.46)
+//! * [`VelocityMotion`] — from commanded velocities (thesis table 4.1)
+//!
+//! A model is made for one step and sampled once for each particle, with that sample's own random stream.
+
+use nalgebra::{Matrix3, Vector3};
+use rand_core::Rng;
+
+use crate::geometry::{Point2, Pose2};
+use crate::math::{hypot, normal, sin_cos};
+
+/// A motion that can be sampled.
+pub trait Motion {
+    /// A pose that the robot may have now if it was at `map_from_robot` before.
+    fn sample(&self, map_from_robot: Pose2, rng: &mut impl Rng) -> Pose2;
+}
+
+crate::config! {
+    /// Motion model from scan matching (thesis table 4.7): standard deviations of the matcher's errors. The thesis measures them and states
+    /// no numbers; these defaults stand until they are fitted.
+    pub struct ScanMatchingMotionConfig {
+        /// Forward, m.
+        forward_m: f32 = 0.01, in 0.0..=1.0;
+        /// Lateral, m.
+        lateral_m: f32 = 0.01, in 0.0..=1.0;
+        /// Heading, degrees.
+        heading_deg: f32 = 0.3, in 0.0..=45.0;
+        /// More forward and lateral noise per metre driven.
+        per_metre: f32 = 0.0, in 0.0..=1.0;
+        /// More heading noise per radian turned.
+        per_radian: f32 = 0.0, in 0.0..=1.0;
+        /// Along an axis that the scene leaves undetermined, m, instead of believing the matcher. The thesis: 0, none.
+        undetermined_m: f32 = 0.1, in 0.0..=2.0;
+        /// The matcher's own standard deviations are added times this. The thesis: 0, none.
+        covariance_gain: f32 = 0.0, in 0.0..=100.0;
+        /// … but no more than this along any axis, m and rad alike.
+        covariance_max: f32 = 0.1, in 0.001..=2.0;
+    }
+}
+
+/// What a scan match says about a motion, in the frame of the robot before it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MatchedMotion {
+    /// Pose of the robot now, seen from where it was.
+    pub previous_from_robot: Pose2,
+    /// Covariance of (x, y, heading); m², m rad, rad².
+    pub covariance: Matrix3<f32>,
+    /// Unit vector about which the scene says nothing.
+    pub undetermined: Option<Point2>,
+}
+
+impl MatchedMotion {
+    /// The same in the robot's frame from what a matcher found in its map: poses before and now, covariance and axis there.
+    pub fn from_map(
+        map_from_previous: Pose2,
+        map_from_robot: Pose2,
+        covariance: &Matrix3<f32>,
+        undetermined: Option<Point2>,
+    ) -> Self {
+        let (sin, cos) = sin_cos(-map_from_previous.heading);
+        let turn = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+        Self {
+            previous_from_robot: map_from_previous.between(map_from_robot),
+            covariance: turn * covariance * turn.transpose(),
+            undetermined: undetermined
+                .map(|axis| Point2::new(cos * axis.x - sin * axis.y, sin * axis.x + cos * axis.y)),
+        }
+    }
+}
+
+/// Table 4.7: the matched displacement with Gaussian noise on each of its three numbers.
+///
+/// Departures: noise may be correlated (widened along an undetermined axis, and by the match's covariance); lines 4–7 of the table,
+/// d cos(θ + atan2(Δŷ, Δx̂)), are a rotation by θ and are written as one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScanMatchingMotion {
+    displacement: Pose2,
+    /// Lower triangle with L Lᵀ = covariance of the noise.
+    noise: Matrix3<f32>,
+}
+
+impl ScanMatchingMotion {
+    /// The model for one match.
+    pub fn new(config: &ScanMatchingMotionConfig, matched: &MatchedMotion) -> Self {
+        let displacement = matched.previous_from_robot;
+        let travel = config.per_metre * displacement.position().norm();
+        let heading = config.heading_deg.to_radians() + config.per_radian * displacement.heading.abs();
+        let deviations = Vector3::new(config.forward_m + travel, config.lateral_m + travel, heading);
+        let mut covariance = Matrix3::from_diagonal(&deviations.component_mul(&deviations));
+        if let Some(axis) = matched.undetermined {
+            let along = Vector3::new(axis.x, axis.y, 0.0) * config.undetermined_m;
+            covariance += along * along.transpose();
+        }
+        covariance += limited(&matched.covariance, config);
+        Self { displacement, noise: lower_triangle(&covariance) }
+    }
+}
+
+impl Motion for ScanMatchingMotion {
+    fn sample(&self, map_from_robot: Pose2, rng: &mut impl Rng) -> Pose2 {
+        let draws = Vector3::new(normal(rng), normal(rng), normal(rng));
+        let noise = self.noise * draws;
+        let Pose2 { x, y, heading } = self.displacement;
+        map_from_robot * Pose2::new(x + noise.x, y + noise.y, heading + noise.z)
+    }
+}
+
+/// The match's covariance times the squared gain, at most `covariance_max` squared in every direction: in parallel with it, as
+/// resistors are. Zero if there is nothing to invert.
+fn limited(covariance: &Matrix3<f32>, config: &ScanMatchingMotionConfig) -> Matrix3<f32> {
+    let gain = config.covariance_gain * config.covariance_gain;
+    let limit = 1.0 / (config.covariance_max * config.covariance_max);
+    let information = (covariance * gain).try_inverse().filter(|_| gain > 0.0);
+    let limited = information.and_then(|own| (own + Matrix3::from_diagonal_element(limit)).try_inverse());
+    limited.filter(|matrix| matrix.iter().all(|entry| entry.is_finite())).unwrap_or_else(Matrix3::zeros)
+}
+
+/// Cholesky's factor; columns without variance of their own stay zero.
+fn lower_triangle(a: &Matrix3<f32>) -> Matrix3<f32> {
+    let root = |square: f32| if square > 0.0 { libm::sqrtf(square) } else { 0.0 };
+    let over = |value: f32, pivot: f32| if pivot > 0.0 { value / pivot } else { 0.0 };
+    let l11 = root(a.m11);
+    let (l21, l31) = (over(a.m21, l11), over(a.m31, l11));
+    let l22 = root(a.m22 - l21 * l21);
+    let l32 = over(a.m32 - l31 * l21, l22);
+    let l33 = root(a.m33 - l31 * l31 - l32 * l32);
+    Matrix3::new(l11, 0.0, 0.0, l21, l22, 0.0, l31, l32, l33)
+}
+
+crate::config! {
+    /// Odometry motion model (Eliazar, thesis 4.46). Defaults: unbiased, with the spreads that the original learnt for an ATRV Jr on carpet.
+    pub struct OdometryMotionConfig {
+        /// Mean of the move D per metre reported.
+        move_mean_per_m: f32 = 1.0, in 0.0..=2.0;
+        /// Mean of D per radian reported, m.
+        move_mean_per_rad: f32 = 0.0, in -1.0..=1.0;
+        /// Standard deviation of D per metre. The original: 0.156.
+        move_sigma_per_m: f32 = 0.156, in 0.0..=2.0;
+        /// Standard deviation of D per radian, m. The original: 0.0569.
+        move_sigma_per_rad: f32 = 0.0569, in 0.0..=2.0;
+        /// Mean of the sideways drift C per metre.
+        drift_mean_per_m: f32 = 0.0, in -1.0..=1.0;
+        /// Mean of C per radian, m.
+        drift_mean_per_rad: f32 = 0.0, in -1.0..=1.0;
+        /// Standard deviation of C per metre. The original: 0.063.
+        drift_sigma_per_m: f32 = 0.063, in 0.0..=2.0;
+        /// Standard deviation of C per radian, m. The original: 0.0657.
+        drift_sigma_per_rad: f32 = 0.0657, in 0.0..=2.0;
+        /// Mean of the turn B per metre, rad.
+        turn_mean_per_m: f32 = 0.0, in -1.0..=1.0;
+        /// Mean of B per radian reported.
+        turn_mean_per_rad: f32 = 1.0, in 0.0..=2.0;
+        /// Standard deviation of B per metre, rad. The original: 0.028.
+        turn_sigma_per_m: f32 = 0.028, in 0.0..=2.0;
+        /// Standard deviation of B per radian. The original: 0.1405.
+        turn_sigma_per_rad: f32 = 0.1405, in 0.0..=2.0;
+    }
+}
+
+/// Eq. (4.46): move D, sideways drift C and turn B, Gaussian about what odometry reports.
+///
+/// Departures: a robot that reverses has a negative move (the original takes it for forward); reported sideways motion, of
+/// an omnidirectional robot, is kept in the mean of C.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OdometryMotion {
+    /// Mean and standard deviation of D, C (m) and B (rad).
+    forward: [f32; 2],
+    drift: [f32; 2],
+    turn: [f32; 2],
+}
+
+impl OdometryMotion {
+    /// * `displacement` — pose now seen from the pose before, by odometry
+    pub fn new(config: &OdometryMotionConfig, displacement: Pose2) -> Self {
+        let turn = displacement.heading;
+        let (sin, cos) = sin_cos(0.5 * turn);
+        let forward = cos * displacement.x + sin * displacement.y;
+        let sideways = cos * displacement.y - sin * displacement.x;
+        let mean = |per_m: f32, per_rad: f32| per_m * forward + per_rad * turn;
+        let sigma = |per_m: f32, per_rad: f32| hypot(per_m * forward, per_rad * turn);
+        Self {
+            forward: [
+                mean(config.move_mean_per_m, config.move_mean_per_rad),
+                sigma(config.move_sigma_per_m, config.move_sigma_per_rad),
+            ],
+            drift: [
+                mean(config.drift_mean_per_m, config.drift_mean_per_rad) + sideways,
+                sigma(config.drift_sigma_per_m, config.drift_sigma_per_rad),
+            ],
+            turn: [
+                mean(config.turn_mean_per_m, config.turn_mean_per_rad),
+                sigma(config.turn_sigma_per_m, config.turn_sigma_per_rad),
+            ],
+        }
+    }
+}
+
+impl Motion for OdometryMotion {
+    fn sample(&self, map_from_robot: Pose2, rng: &mut impl Rng) -> Pose2 {
+        let mut draw = |[mean, sigma]: [f32; 2]| mean + sigma * normal(rng);
+        let (forward, drift, turn) = (draw(self.forward), draw(self.drift), draw(self.turn));
+        let (sin, cos) = sin_cos(map_from_robot.heading + 0.5 * turn);
+        Pose2::new(
+            map_from_robot.x + forward * cos - drift * sin,
+            map_from_robot.y + forward * sin + drift * cos,
+            map_from_robot.heading + turn,
+        )
+    }
+}
+
+crate::config! {
+    /// Velocity motion model (thesis table 4.1; Thrun, Burgard & Fox table 5.3): noise parameters α₁ … α₆, standard deviations.
+    pub struct VelocityMotionConfig {
+        /// α₁: velocity, per velocity.
+        alpha_1: f32 = 0.1, in 0.0..=10.0;
+        /// α₂: velocity, m/s per rad/s.
+        alpha_2: f32 = 0.02, in 0.0..=10.0;
+        /// α₃: turn rate, rad/s per m/s.
+        alpha_3: f32 = 0.05, in 0.0..=10.0;
+        /// α₄: turn rate, per turn rate.
+        alpha_4: f32 = 0.1, in 0.0..=10.0;
+        /// α₅: final rotation, rad/s per m/s.
+        alpha_5: f32 = 0.02, in 0.0..=10.0;
+        /// α₆: final rotation, per turn rate.
+        alpha_6: f32 = 0.05, in 0.0..=10.0;
+    }
+}
+
+/// Table 4.1: an arc of noisy velocity and turn rate, then a noisy rotation on the spot.
+///
+/// Departure: the arc is written as its chord, 2 v̂/ω̂ sin(ω̂Δt/2) along the mean heading: the same, and without a
+/// division by zero when the robot drives straight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VelocityMotion {
+    config: VelocityMotionConfig,
+    velocity: f32,
+    turn_rate: f32,
+    seconds: f32,
+}
+
+impl VelocityMotion {
+    /// * `velocity_mps`, `turn_rate_radps` — commanded, for `seconds`
+    pub fn new(config: &VelocityMotionConfig, velocity_mps: f32, turn_rate_radps: f32, seconds: f32) -> Self {
+        Self { config: *config, velocity: velocity_mps, turn_rate: turn_rate_radps, seconds }
+    }
+}
+
+impl Motion for VelocityMotion {
+    fn sample(&self, map_from_robot: Pose2, rng: &mut impl Rng) -> Pose2 {
+        let (v, w, c) = (self.velocity.abs(), self.turn_rate.abs(), &self.config);
+        let velocity = self.velocity + (c.alpha_1 * v + c.alpha_2 * w) * normal(rng);
+        let turn_rate = self.turn_rate + (c.alpha_3 * v + c.alpha_4 * w) * normal(rng);
+        let rotation = (c.alpha_5 * v + c.alpha_6 * w) * normal(rng);
+        let turn = turn_rate * self.seconds;
+        let half = 0.5 * turn;
+        // sin(x)/x, by its series where the quotient is inexact.
+        let shortening = if half.abs() < 0.01 { 1.0 - half * half / 6.0 } else { sin_cos(half).0 / half };
+        let chord = velocity * self.seconds * shortening;
+        let (sin, cos) = sin_cos(map_from_robot.heading + half);
+        Pose2::new(
+            map_from_robot.x + chord * cos,
+            map_from_robot.y + chord * sin,
+            map_from_robot.heading + turn + rotation * self.seconds,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests;
