@@ -73,7 +73,7 @@ fn map_scans(
     progress: &ProgressBar,
 ) -> anyhow::Result<()> {
     let bytes_read = log.bytes_read();
-    while let Some(scan) = log.next() {
+    for scan in log.by_ref() {
         let scan = scan?;
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
         map.add_scan(&scan.scan(), robot_from_lrf, scan.map_from_robot_odometry.filter(|_| odometry))?;

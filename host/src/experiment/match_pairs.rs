@@ -110,7 +110,7 @@ pub fn match_pairs(
     let mut bench = Bench::new(run, config);
     let mut rng = Pcg32::seed_from_u64(config.seed);
     for _ in 0..config.pairs {
-        let first = (u64::from(rng.next_u32()) * (scans.len() - gap) as u64 >> 32) as usize;
+        let first = ((u64::from(rng.next_u32()) * (scans.len() - gap) as u64) >> 32) as usize;
         let offset = Pose2::new(
             -run.search.backward_m + (run.search.backward_m + run.search.forward_m) * uniform(&mut rng),
             run.search.lateral_m * (2.0 * uniform(&mut rng) - 1.0),
