@@ -108,7 +108,6 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use std::vec::Vec;
-    extern crate std;
 
     fn cells(start: (f32, f32), end: (f32, f32)) -> Vec<(i32, i32)> {
         cells_on_ray(Point2::new(start.0, start.1), Point2::new(end.0, end.1), 0.5).map(|c| (c.column, c.row)).collect()

@@ -36,6 +36,8 @@ crate::config! {
         key_distance_m: f32 = 0.05, in 0.0..=10.0;
         /// … or this much rotation, degrees.
         key_rotation_deg: f32 = 2.0, in 0.0..=180.0;
+        /// The first so many scans all go into the reference: the first one alone is thin and noisy.
+        settling_scans: u16 = 10, in 1..=1000;
     }
 }
 
@@ -105,7 +107,6 @@ pub struct StepReport {
 #[derive(Debug)]
 pub struct LaserOdometry<'m> {
     config: LaserOdometryConfig,
-    robot_from_lrf: Pose2,
     ndt: NdtGrid<'m>,
     matcher: ScanMatcher<'m>,
     points: &'m mut [Point2],
@@ -117,6 +118,7 @@ pub struct LaserOdometry<'m> {
     map_from_key: Pose2,
     velocity: Pose2,
     score_per_point: f32,
+    scans: u32,
     lost_scans: u16,
 }
 
@@ -125,14 +127,9 @@ impl<'m> LaserOdometry<'m> {
     ///
     /// # Errors
     /// [`NdtMemoryError`] if the directory or the pool is not of the right form.
-    pub fn new(
-        config: &LaserOdometryConfig,
-        robot_from_lrf: Pose2,
-        memory: OdometryMemory<'m>,
-    ) -> Result<Self, NdtMemoryError> {
+    pub fn new(config: &LaserOdometryConfig, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
         Ok(Self {
             config: *config,
-            robot_from_lrf,
             ndt: NdtGrid::new(&config.ndt, memory.directory, memory.tiles)?,
             matcher: ScanMatcher::new(&config.search, &config.de, &config.matcher, memory.population),
             points: memory.points,
@@ -144,6 +141,7 @@ impl<'m> LaserOdometry<'m> {
             map_from_key: Pose2::IDENTITY,
             velocity: Pose2::IDENTITY,
             score_per_point: 0.5,
+            scans: 0,
             lost_scans: 0,
         })
     }
@@ -160,6 +158,7 @@ impl<'m> LaserOdometry<'m> {
 
     /// Matches the next scan.
     ///
+    /// * `robot_from_lrf` — where the laser sits on the robot
     /// * `displacement` — the robot's displacement since the last scan by odometry, if there is any; else the last
     ///   displacement is expected to repeat
     ///
@@ -168,12 +167,13 @@ impl<'m> LaserOdometry<'m> {
     pub fn step(
         &mut self,
         scan: &RangeScan<'_>,
+        robot_from_lrf: Pose2,
         displacement: Option<Pose2>,
         rng: &mut impl Rng,
     ) -> Result<StepReport, PointCapacityError> {
-        let count = filter::filter(&self.config.filter, scan, self.robot_from_lrf, self.points)?.len();
+        let count = filter::filter(&self.config.filter, scan, robot_from_lrf, self.points)?.len();
         let raw = FilterConfig { radius_m: 0.0 };
-        let hits = filter::filter(&raw, scan, self.robot_from_lrf, self.hits)?.len();
+        let hits = filter::filter(&raw, scan, robot_from_lrf, self.hits)?.len();
         let predicted = self.map_from_robot * displacement.unwrap_or(self.velocity);
         let first = self.ndt.tiles_used() == 0;
         let prediction = Prediction { map_from_robot: predicted, score_expected: self.score_per_point * count as f32 };
@@ -182,7 +182,9 @@ impl<'m> LaserOdometry<'m> {
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
         let map_from_robot = if first { self.map_from_robot } else { matched.map_from_robot };
         let is_trusted = !is_lost || self.lost_scans > self.config.recovery.patience_scans;
-        let is_key = first || (is_trusted && self.is_key(map_from_robot));
+        let is_settling = self.scans < u32::from(self.config.odometry.settling_scans);
+        self.scans = self.scans.saturating_add(1);
+        let is_key = is_settling || (is_trusted && self.is_key(map_from_robot));
         let dropped = if is_key { self.extend(map_from_robot, hits) } else { 0 };
         let step = self.map_from_robot.between(map_from_robot);
         self.velocity = if is_lost || step.heading.abs() > 0.5 { Pose2::IDENTITY } else { step };
@@ -243,3 +245,6 @@ impl<'m> LaserOdometry<'m> {
         ndt.insert(points, map_from_robot).dropped
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -25,7 +25,7 @@
 //! "Thesis" is L. E. Ynoquio Herrera, *Mobile robot simultaneous localization and mapping using DP-SLAM with a
 //! single laser range finder*, PUC-Rio 2011. NDT: Biber & Straßer, IROS 2003. Differential evolution: Storn &
 //! Price 1997.
-#![no_std]
+#![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 #![cfg_attr(
     not(test),
@@ -54,3 +54,6 @@ pub mod math;
 pub mod ndt;
 pub mod scan;
 pub mod time;
+
+#[cfg(test)]
+mod test_world;

@@ -12,7 +12,7 @@ use rand_core::Rng;
 use crate::de::{self, Bounds, DeConfig, Member};
 use crate::geometry::{Point2, Pose2};
 use crate::math::{hypot, sin_cos, wrap_angle};
-use crate::ndt::NdtGrid;
+use crate::ndt::{Linearisation, NdtGrid};
 
 crate::config! {
     /// Box around the prediction in which a match is searched (thesis table 4.4), robot frame.
@@ -33,13 +33,19 @@ crate::config! {
     pub struct MatcherConfig {
         /// Newton steps that polish the result of the search; 0 takes DE's answer as it is, as the thesis does.
         newton_steps: u16 = 12, in 0..=100;
+        /// Candidates of the search that are polished, best first, each apart from the others.
+        newton_starts: u16 = 3, in 1..=8;
         /// Spread of the prediction's error per scan along and across, m: how far the robot is expected to depart from its
         /// predicted motion. Counts against distant matches. 0 switches it off, as the thesis does.
         prior_position_m: f32 = 0.15, in 0.0..=100.0;
         /// The same for the heading, degrees.
         prior_heading_deg: f32 = 10.0, in 0.0..=360.0;
-        /// An axis about which the matched points say less than this share is reported as undetermined (0.5: all directions alike).
-        undetermined_share: f32 = 0.03, in 0.0..=0.5;
+        /// An axis about which the matched points say less than this is reported as undetermined: 0 for parallel walls without
+        /// any feature, 0.5 for walls in all directions seen as sharply as the laser can.
+        constraint_min: f32 = 0.03, in 0.0..=0.5;
+        /// An axis about which they say less than this is not fully believed but drawn towards the prediction. 0 believes every
+        /// match, as the thesis does.
+        constraint_trusted: f32 = 0.25, in 0.0..=0.5;
     }
 }
 
@@ -79,6 +85,8 @@ pub struct Match {
     pub converged: bool,
     /// Covariance of (x, y, heading), map frame; m², m rad, rad².
     pub covariance: Matrix3<f32>,
+    /// How much the scene says about its least determined axis, 0 (nothing) to 0.5; see [`NdtGrid::constraint`].
+    pub constraint: f32,
     /// Direction in the map (unit vector) about which the scene says nothing, e.g. along a featureless corridor.
     pub undetermined: Option<Point2>,
 }
@@ -150,13 +158,22 @@ impl<'m> ScanMatcher<'m> {
         prediction: &Prediction,
         rng: &mut impl Rng,
     ) -> Match {
-        let near = objective.climb(prediction.map_from_robot, self.config.newton_steps);
+        let steps = self.config.newton_steps;
+        let near = objective.climb(prediction.map_from_robot, steps);
         let outcome = self.search_box(search, de, objective, prediction, near.pose, rng);
         let [forward, lateral, rotation] = outcome.best.genes;
         let found = prediction.map_from_robot * Pose2::new(forward, lateral, rotation);
-        let found = objective.climb(found, self.config.newton_steps);
-        let best = if self.config.newton_steps > 0 && near.value > found.value { near } else { found };
-        self.report(objective, prediction, best.pose, &outcome)
+        let mut best = Summit { pose: found, value: f32::NEG_INFINITY };
+        if steps > 0 {
+            best = if near.value > best.value { near } else { best };
+            for start in candidates(self.population, outcome.population, self.config.newton_starts) {
+                let [forward, lateral, rotation] = start;
+                let summit = objective.climb(prediction.map_from_robot * Pose2::new(forward, lateral, rotation), steps);
+                best = if summit.value > best.value { summit } else { best };
+            }
+        }
+        let settled = self.settle(objective, best.pose);
+        self.report(objective, prediction, settled, &outcome)
     }
 
     /// Newton from the prediction alone, without the search: what scan matching is without DE.
@@ -202,6 +219,7 @@ impl<'m> ScanMatcher<'m> {
     ) -> Match {
         let at = objective.ndt.linearise(objective.points, pose);
         let count = objective.points.len().max(1) as f32;
+        let (axis, constraint) = self.weakest_axis(objective, pose);
         Match {
             map_from_robot: pose,
             score: at.score,
@@ -210,21 +228,57 @@ impl<'m> ScanMatcher<'m> {
             generations: outcome.generations,
             converged: outcome.converged,
             covariance: covariance(&at.information),
-            undetermined: self.undetermined_axis(objective, pose),
+            constraint,
+            undetermined: (constraint < self.config.constraint_min).then_some(axis),
         }
     }
 
-    fn undetermined_axis(&self, objective: &Objective<'_, '_>, pose: Pose2) -> Option<Point2> {
-        let [xx, xy, yy] = objective.ndt.constraint(objective.points, pose);
-        let radius = hypot(0.5 * (xx - yy), xy);
-        let smallest = 0.5 * (xx + yy) - radius;
-        if smallest >= self.config.undetermined_share {
-            return None;
+    /// Draws `pose` towards the prediction along the weakest axis, the more the less the scene says about it.
+    ///
+    /// A Kalman update on that axis: the prediction has the prior's variance, the match that of the laser's noise over the
+    /// number of points that speak about the axis, which is far too optimistic for very few points and therefore raised by
+    /// (`constraint_trusted` / constraint)².
+    fn settle(&self, objective: &Objective<'_, '_>, pose: Pose2) -> Pose2 {
+        let (axis, constraint) = self.weakest_axis(objective, pose);
+        let prior = &objective.prior;
+        if prior.position <= 0.0 || !(constraint < self.config.constraint_trusted) {
+            return pose;
         }
+        let noise = objective.ndt.config().noise_m.max(0.01);
+        let doubt = self.config.constraint_trusted / constraint.max(1e-6);
+        let speaking = constraint.max(1e-6) * objective.points.len() as f32;
+        let variance = noise * noise / speaking * doubt * doubt;
+        let gain = 1.0 / (1.0 + variance * prior.position);
+        let departure = axis.x * (pose.x - prior.predicted.x) + axis.y * (pose.y - prior.predicted.y);
+        let back = (gain - 1.0) * departure;
+        Pose2 { x: pose.x + back * axis.x, y: pose.y + back * axis.y, heading: pose.heading }
+    }
+
+    /// The axis that the matched points say least about, and how much they say about it.
+    fn weakest_axis(&self, objective: &Objective<'_, '_>, pose: Pose2) -> (Point2, f32) {
+        let [xx, xy, yy] = objective.ndt.constraint(objective.points, pose);
         // The eigenvector of the larger eigenvalue is at half the angle of (xx − yy, 2 xy); ours stands across it.
         let (sin, cos) = sin_cos(0.5 * libm::atan2f(2.0 * xy, xx - yy));
-        Some(Point2::new(-sin, cos))
+        (Point2::new(-sin, cos), 0.5 * (xx + yy) - hypot(0.5 * (xx - yy), xy))
     }
+}
+
+/// The best `count` members of a population that lie apart from one another, best first.
+fn candidates(population: &[Member<3>], size: usize, count: u16) -> heapless::Vec<[f32; 3], 8> {
+    let mut chosen = heapless::Vec::<[f32; 3], 8>::new();
+    for _ in 0..count {
+        let apart = |member: &&Member<3>| chosen.iter().all(|other| is_apart(&member.genes, other));
+        let best = population.iter().take(size).filter(apart).min_by(|a, b| a.fitness.total_cmp(&b.fitness));
+        // There is room for the eight that the configuration allows.
+        let Some(Ok(())) = best.map(|member| chosen.push(member.genes)) else { break };
+    }
+    chosen
+}
+
+/// Too far apart for Newton's method to climb to the same optimum as a matter of course.
+fn is_apart(a: &[f32; 3], b: &[f32; 3]) -> bool {
+    let ([ax, ay, ah], [bx, by, bh]) = (a, b);
+    hypot(ax - bx, ay - by) > 0.05 || (ah - bh).abs() > 0.01
 }
 
 /// Inverse of the information, or a large diagonal where there is none.
@@ -279,7 +333,7 @@ impl Objective<'_, '_> {
         self.ndt.search_score(self.points, pose, at_least + penalty) - penalty
     }
 
-    /// Climbs to the local maximum near `start` by damped Gauss–Newton steps (Levenberg–Marquardt).
+    /// Climbs to the local maximum near `start` by damped Newton steps.
     fn climb(&self, start: Pose2, steps: u16) -> Summit {
         let mut pose = start;
         let mut damping = 1e-3_f32;
@@ -291,10 +345,7 @@ impl Objective<'_, '_> {
         for _ in 0..steps {
             let weights = Vector3::new(self.prior.position, self.prior.position, self.prior.heading);
             let gradient = at.gradient - weights.component_mul(&self.prior.departure(pose));
-            let curvature = at.information + Matrix3::from_diagonal(&weights);
-            let damped =
-                curvature + Matrix3::from_diagonal(&(curvature.diagonal() * damping)) + Matrix3::identity() * 1e-6;
-            let Some(step) = damped.try_inverse().map(|inverse| inverse * gradient) else { break };
+            let Some(step) = newton_step(&at, &weights, &gradient, damping) else { break };
             let next = Pose2::new(pose.x + step.x, pose.y + step.y, pose.heading + step.z);
             let there = self.ndt.linearise(self.points, next);
             let next_value = there.score - self.prior.penalty(next);
@@ -312,9 +363,28 @@ impl Objective<'_, '_> {
     }
 }
 
+/// Newton's step up the hill, with the Gauss–Newton matrix where the true one does not curve downwards all round.
+fn newton_step(
+    at: &Linearisation,
+    prior: &Vector3<f32>,
+    gradient: &Vector3<f32>,
+    damping: f32,
+) -> Option<Vector3<f32>> {
+    let damped = |curvature: &Matrix3<f32>| {
+        let curvature = curvature + Matrix3::from_diagonal(prior);
+        let diagonal = curvature.diagonal() * damping + Vector3::repeat(1e-6);
+        curvature + Matrix3::from_diagonal(&diagonal)
+    };
+    let factors = damped(&at.hessian).cholesky().or_else(|| damped(&at.information).cholesky())?;
+    Some(factors.solve(gradient))
+}
+
 /// Where a climb ended.
 #[derive(Clone, Copy)]
 struct Summit {
     pose: Pose2,
     value: f32,
 }
+
+#[cfg(test)]
+mod tests;

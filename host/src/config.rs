@@ -8,11 +8,17 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use lrfslam_core::config::{ConfigError, Section};
+use lrfslam_core::de::DeConfig;
+use lrfslam_core::filter::FilterConfig;
 use lrfslam_core::geometry::Pose2;
+use lrfslam_core::laser_odometry::{LaserOdometryConfig, OdometryConfig};
+use lrfslam_core::matcher::{MatcherConfig, RecoveryConfig, SearchConfig};
+use lrfslam_core::ndt::NdtConfig;
 use lrfslam_core::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::log::LogOptions;
+use crate::mapper::MemoryConfig;
 use crate::occupancy_map::MapConfig;
 
 lrfslam_core::config! {
@@ -66,6 +72,22 @@ run_config! {
     log: LogConfig,
     /// Where the laser sits on the robot.
     mounting: MountingConfig,
+    /// Scan filter.
+    filter: FilterConfig,
+    /// Reference cells.
+    ndt: NdtConfig,
+    /// Search box.
+    search: SearchConfig,
+    /// Search effort.
+    de: DeConfig,
+    /// Scan matcher.
+    matcher: MatcherConfig,
+    /// Laser odometry.
+    odometry: OdometryConfig,
+    /// When lost.
+    recovery: RecoveryConfig,
+    /// Memory.
+    memory: MemoryConfig,
     /// How the map is drawn.
     map: MapConfig,
 }
@@ -171,6 +193,19 @@ impl RunConfig {
             field_of_view_rad: given(self.log.field_of_view_deg).map(f32::to_radians),
             robot_from_lrf: (!self.mounting.from_log).then(|| self.robot_from_lrf()),
             scan_interval: Duration::from_micros((self.log.untimed_scan_interval_s * 1e6) as i64),
+        }
+    }
+
+    /// The part that core works with.
+    pub fn laser_odometry(&self) -> LaserOdometryConfig {
+        LaserOdometryConfig {
+            filter: self.filter,
+            ndt: self.ndt,
+            search: self.search,
+            de: self.de,
+            matcher: self.matcher,
+            odometry: self.odometry,
+            recovery: self.recovery,
         }
     }
 

@@ -9,6 +9,7 @@ pub mod cli;
 pub mod config;
 pub mod driver;
 pub mod evaluation;
+pub mod experiment;
 pub mod link;
 pub mod live;
 pub mod log;

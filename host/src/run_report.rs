@@ -9,6 +9,7 @@ use sha2::{Digest, Sha256};
 
 use crate::config::RunConfig;
 use crate::log::{LogCounts, LogFormat};
+use crate::mapper::MatchCounts;
 
 /// Everything needed to judge and to repeat a run.
 #[derive(Debug, Clone, Serialize)]
@@ -27,6 +28,8 @@ pub struct RunReport {
     pub log: LogCounts,
     /// What the beams said.
     pub beams: BeamCounts,
+    /// How the matching went.
+    pub matching: MatchCounts,
     /// Ranges from here on were misses, m.
     pub range_max_m: f32,
     /// Time spent and memory used.

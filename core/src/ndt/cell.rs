@@ -97,6 +97,20 @@ impl Gaussian {
         let [xx, xy2, yy] = self.scaled;
         [xx / MINUS_HALF_LOG2_E, 0.5 * xy2 / MINUS_HALF_LOG2_E, yy / MINUS_HALF_LOG2_E]
     }
+
+    /// What the cell says about each direction, 0 to 1, as (xx, xy, yy); see `NdtGrid::constraint`.
+    pub(super) fn worth(&self, config: &NdtConfig) -> [f32; 3] {
+        let [xx, xy, yy] = self.information();
+        let (half_trace, half_difference) = (0.5 * (xx + yy), 0.5 * (xx - yy));
+        let radius = libm::sqrtf(half_difference * half_difference + xy * xy);
+        let noise = config.noise_m.max(0.01);
+        let even_spread = config.cell_size_m * config.cell_size_m / 12.0 + noise * noise;
+        let worth = |information: f32| noise * noise * (information - 1.0 / even_spread).max(0.0);
+        let (normal, along) = (worth(half_trace + radius), worth(half_trace - radius));
+        let (mean, spread) = (0.5 * (normal + along), 0.5 * (normal - along));
+        let (cos2, sin2) = if radius > 0.0 { (half_difference / radius, xy / radius) } else { (1.0, 0.0) };
+        [mean + spread * cos2, spread * sin2, mean - spread * cos2]
+    }
 }
 
 /// −½ log₂ e Σ⁻¹ with the smaller eigenvalue raised to `ratio_min` of the larger; `None` if Σ vanishes.

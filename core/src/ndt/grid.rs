@@ -98,13 +98,10 @@ impl<'m> NdtGrid<'m> {
         if places == 0 || directory.len() != (layers as usize) << (2 * side_shift) || side_shift > 12 {
             return Err(NdtMemoryError::Directory(directory.len()));
         }
-        let Some(empty) = tiles.first_mut().filter(|tile| tile.count == 0) else {
-            return Err(NdtMemoryError::Tiles(tiles.len()));
-        };
-        *empty = NdtTile::EMPTY;
         if tiles.len() > usize::from(u16::MAX) {
             return Err(NdtMemoryError::Tiles(tiles.len()));
         }
+        *tiles.first_mut().ok_or(NdtMemoryError::Tiles(0))? = NdtTile::EMPTY;
         directory.fill(DirectoryEntry::default());
         let cells_per_metre = 1.0 / config.cell_size_m;
         let config = *config;
@@ -120,6 +117,11 @@ impl<'m> NdtGrid<'m> {
             used: 0,
             evicted: 0,
         })
+    }
+
+    /// The configuration it was made with.
+    pub fn config(&self) -> &NdtConfig {
+        &self.config
     }
 
     /// Number of overlapping grids: 1 or 4.

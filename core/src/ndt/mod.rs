@@ -34,8 +34,9 @@ crate::config! {
         count_max: u16 = 240, in 8..=240;
         /// The smaller eigenvalue of a covariance is at least this share of the larger. Biber: 0.001.
         eigenvalue_ratio_min: f32 = 0.001, in 0.000001..=1.0;
-        /// Standard deviation added to every cell in both directions for the laser's own noise, m. Thesis: 0.
-        noise_m: f32 = 0.02, in 0.0..=1.0;
+        /// Standard deviation added to every cell in both directions, m: the laser's own noise and the error of the poses the
+        /// points were seen from. Larger is smoother: fewer false optima, less precise ones. Thesis: 0.
+        noise_m: f32 = 0.04, in 0.0..=1.0;
     }
 }
 

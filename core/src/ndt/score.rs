@@ -145,22 +145,20 @@ impl NdtGrid<'_> {
         sum
     }
 
-    /// How much the matched points say about each direction: Σ s n nᵀ / Σ s as (xx, xy, yy), trace ≤ 2.
+    /// How much the matched points say about each direction: Σ s (w_n n nᵀ + w_t t tᵀ) / Σ s as (xx, xy, yy).
     ///
-    /// n is the normal of a cell's wall, taken as far as the cell is a wall at all: a cell without a direction (a corner,
-    /// a pillar) speaks for both axes. A small eigenvalue means that the scene leaves its axis undetermined.
+    /// n and t are the axes of a cell's distribution and w their worth, 1 for an axis as narrow as the laser's noise and 0
+    /// for one as wide as points spread evenly over the cell: a wall speaks for its normal only, however finely the cells
+    /// cut it up, a pillar for both axes. A small eigenvalue means that the scene leaves its axis undetermined.
     pub fn constraint(&self, points: &[Point2], map_from_robot: Pose2) -> [f32; 3] {
         let mut sum = [0.0_f32; 3];
         let mut total = 1e-9_f32;
         self.for_each_cell(points, Rotated::new(map_from_robot), |gaussian, in_map| {
             let density = gaussian.density(in_map - gaussian.mean);
-            let [xx, xy, yy] = gaussian.information();
-            let half_difference = 0.5 * (xx - yy);
-            let largest = 0.5 * (xx + yy) + libm::sqrtf(half_difference * half_difference + xy * xy);
-            if density > 0.0 && largest > 0.0 {
+            if density > 0.0 {
                 total += density;
-                for (element, term) in sum.iter_mut().zip([xx, xy, yy]) {
-                    *element += density / largest * term;
+                for (element, term) in sum.iter_mut().zip(gaussian.worth(self.config())) {
+                    *element += density * term;
                 }
             }
         });

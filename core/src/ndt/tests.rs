@@ -1,1 +1,223 @@
 use super::*;
+use crate::geometry::{Point2, Pose2};
+use crate::math::uniform;
+use proptest::prelude::*;
+use rand_core::SeedableRng;
+use rand_pcg::Pcg32;
+use std::boxed::Box;
+use std::vec;
+use std::vec::Vec;
+
+const SINGLE: NdtConfig = NdtConfig {
+    cell_size_m: 0.5,
+    overlapping: false,
+    points_min: 3,
+    count_max: 240,
+    eigenvalue_ratio_min: 0.001,
+    noise_m: 0.02,
+};
+
+/// Memory for a grid of 32 × 32 tiles.
+struct Memory {
+    directory: Box<[DirectoryEntry]>,
+    tiles: Box<[NdtTile]>,
+}
+
+impl Memory {
+    fn new(tiles: usize) -> Self {
+        Self {
+            directory: vec![DirectoryEntry::default(); 4 * 32 * 32].into(),
+            tiles: vec![NdtTile::EMPTY; tiles].into(),
+        }
+    }
+
+    fn grid(&mut self, config: &NdtConfig) -> NdtGrid<'_> {
+        let entries = if config.overlapping { 4 * 32 * 32 } else { 32 * 32 };
+        NdtGrid::new(config, &mut self.directory[..entries], &mut self.tiles).unwrap()
+    }
+}
+
+/// Two walls at a right angle, 5 cm apart from point to point.
+fn corner() -> Vec<Point2> {
+    let along = (0..80).map(|i| Point2::new(0.05 * i as f32, 2.0));
+    along.chain((0..40).map(|i| Point2::new(4.0, 0.05 * i as f32))).collect()
+}
+
+/// Eq. (4.42) as it stands, cell by cell in f64: the oracle.
+fn naive_score(config: &NdtConfig, reference: &[Point2], points: &[Point2], pose: Pose2) -> f64 {
+    let size = f64::from(config.cell_size_m);
+    let cell = |p: (f64, f64)| ((p.0 / size).floor() as i64, (p.1 / size).floor() as i64);
+    let reference: Vec<(f64, f64)> = reference.iter().map(|p| (f64::from(p.x), f64::from(p.y))).collect();
+    let (sin, cos) = (f64::from(pose.heading).sin(), f64::from(pose.heading).cos());
+    let mut score = 0.0;
+    for point in points {
+        let (x, y) = (f64::from(point.x), f64::from(point.y));
+        let p = (f64::from(pose.x) + cos * x - sin * y, f64::from(pose.y) + sin * x + cos * y);
+        let members: Vec<_> = reference.iter().filter(|q| cell(**q) == cell(p)).collect();
+        let n = members.len() as f64;
+        if n < f64::from(config.points_min) {
+            continue;
+        }
+        let mean = (members.iter().map(|q| q.0).sum::<f64>() / n, members.iter().map(|q| q.1).sum::<f64>() / n);
+        let moment = |f: &dyn Fn(&(f64, f64)) -> f64| members.iter().map(|q| f(q)).sum::<f64>() / (n - 1.0);
+        let noise = f64::from(config.noise_m).powi(2);
+        let xx = moment(&|q| (q.0 - mean.0).powi(2)) + noise;
+        let yy = moment(&|q| (q.1 - mean.1).powi(2)) + noise;
+        let xy = moment(&|q| (q.0 - mean.0) * (q.1 - mean.1));
+        let determinant = xx * yy - xy * xy;
+        let d = (p.0 - mean.0, p.1 - mean.1);
+        let mahalanobis = (yy * d.0 * d.0 - 2.0 * xy * d.0 * d.1 + xx * d.1 * d.1) / determinant;
+        score += (-0.5 * mahalanobis).exp();
+    }
+    score
+}
+
+proptest! {
+    #[test]
+    fn score_is_equation_4_42(x in -0.6..0.6_f32, y in -0.6..0.6_f32, heading in -0.5..0.5_f32, seed in 0..1000_u64) {
+        let mut rng = Pcg32::seed_from_u64(seed);
+        let jitter = |p: &Point2, rng: &mut Pcg32| *p + Point2::new(0.02 * uniform(rng), 0.02 * uniform(rng));
+        let reference: Vec<_> = corner().iter().map(|p| jitter(p, &mut rng)).collect();
+        let points: Vec<_> = corner().iter().step_by(3).map(|p| jitter(p, &mut rng)).collect();
+        let mut memory = Memory::new(40);
+        let mut grid = memory.grid(&SINGLE);
+        grid.insert(&reference, Pose2::IDENTITY);
+        let pose = Pose2::new(x, y, heading);
+        let expected = naive_score(&SINGLE, &reference, &points, pose);
+        // A point within rounding of a cell's border may count to the neighbour.
+        prop_assert!((f64::from(grid.score(&points, pose)) - expected).abs() < 0.02 * points.len() as f64 * 0.1 + 0.02,
+            "{} against {expected}", grid.score(&points, pose));
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_score(x in -0.2..0.2_f32, y in -0.2..0.2_f32, heading in -0.1..0.1_f32) {
+        // One wide cell, so that no point changes its cell: the score is smooth.
+        let config = NdtConfig { cell_size_m: 10.0, noise_m: 0.3, ..SINGLE };
+        let mut memory = Memory::new(10);
+        let mut grid = memory.grid(&config);
+        let centred: Vec<_> = corner().iter().map(|p| *p + Point2::new(3.0, 3.0)).collect();
+        grid.insert(&centred, Pose2::IDENTITY);
+        let at = |dx: f32, dy: f32, dh: f32| {
+            grid.linearise(&centred, Pose2::new(x + dx, y + dy, heading + dh))
+        };
+        let h = 5e-3;
+        let here = at(0.0, 0.0, 0.0);
+        let ends = [(at(h, 0.0, 0.0), at(-h, 0.0, 0.0)), (at(0.0, h, 0.0), at(0.0, -h, 0.0)), (at(0.0, 0.0, h), at(0.0, 0.0, -h))];
+        for (i, (plus, minus)) in ends.iter().enumerate() {
+            let slope = (plus.score - minus.score) / (2.0 * h);
+            prop_assert!((slope - here.gradient[i]).abs() < 0.02 * here.gradient.norm() + 0.2, "slope {slope} {}", here.gradient[i]);
+            let bend = (plus.gradient - minus.gradient) / (2.0 * h);
+            for j in 0..3 {
+                let expected = -here.hessian[(i, j)];
+                prop_assert!((bend[j] - expected).abs() < 0.03 * here.hessian.norm() + 1.0, "{i}{j}: {} {expected}", bend[j]);
+            }
+        }
+    }
+
+    #[test]
+    fn any_numbers_are_survived(x in proptest::num::f32::ANY, y in proptest::num::f32::ANY, h in proptest::num::f32::ANY) {
+        let mut memory = Memory::new(40);
+        let mut grid = memory.grid(&NdtConfig { overlapping: true, ..SINGLE });
+        grid.insert(&corner(), Pose2::IDENTITY);
+        let wild = [Point2::new(x, y), Point2::new(h, x)];
+        let pose = Pose2 { x, y, heading: h };
+        grid.insert(&wild, Pose2::IDENTITY);
+        grid.insert(&wild, pose);
+        let score = grid.score(&wild, pose);
+        prop_assert!(score.is_nan() || (0.0..=2.0).contains(&score));
+        grid.linearise(&corner(), pose);
+        grid.constraint(&corner(), pose);
+    }
+}
+
+#[test]
+fn removal_leaves_no_trace() {
+    let config = NdtConfig { overlapping: true, ..SINGLE };
+    let (mut memory, mut other_memory) = (Memory::new(60), Memory::new(60));
+    let (mut grid, mut other) = (memory.grid(&config), other_memory.grid(&config));
+    let (here, there) = (Pose2::new(0.1, 0.2, 0.3), Pose2::new(7.0, -9.0, -2.0));
+    grid.insert(&corner(), here);
+    other.insert(&corner(), here);
+    let used = grid.tiles_used();
+    for _ in 0..100 {
+        grid.insert(&corner(), there);
+        grid.remove(&corner(), there);
+    }
+    assert_eq!(grid.tiles_used(), used);
+    for i in 0..50 {
+        let pose = Pose2::new(0.02 * i as f32, 0.01 * i as f32, 0.3);
+        assert_eq!(grid.score(&corner(), pose).to_bits(), other.score(&corner(), pose).to_bits());
+    }
+}
+
+#[test]
+fn insertion_order_does_not_matter() {
+    let (mut memory, mut other_memory) = (Memory::new(60), Memory::new(60));
+    let (mut grid, mut other) = (memory.grid(&SINGLE), other_memory.grid(&SINGLE));
+    let backwards: Vec<_> = corner().into_iter().rev().collect();
+    grid.insert(&corner(), Pose2::IDENTITY);
+    other.insert(&backwards, Pose2::IDENTITY);
+    let pose = Pose2::new(0.03, -0.02, 0.01);
+    assert_eq!(grid.score(&corner(), pose).to_bits(), other.score(&corner(), pose).to_bits());
+}
+
+#[test]
+fn full_pool_is_counted_and_survived() {
+    let mut memory = Memory::new(3);
+    let mut grid = memory.grid(&SINGLE);
+    let far: Vec<_> = (0..10).map(|i| Point2::new(10.0 * i as f32, 0.0)).collect();
+    assert_eq!(grid.insert(&far, Pose2::IDENTITY).dropped, 8);
+    assert_eq!(grid.tiles_used(), 2);
+    assert!(grid.score(&far, Pose2::IDENTITY).is_finite());
+}
+
+#[test]
+fn the_plane_wraps_and_says_so() {
+    let mut memory = Memory::new(20);
+    let mut grid = memory.grid(&SINGLE);
+    grid.insert(&corner(), Pose2::IDENTITY);
+    let at_home = grid.score(&corner(), Pose2::IDENTITY);
+    // 32 tiles of 8 cells of 0.5 m: 128 m around. The same place in the directory must not be taken for the same place.
+    let around = Pose2::new(128.0, 0.0, 0.0);
+    assert_eq!(grid.score(&corner(), around), 0.0);
+    grid.insert(&corner(), around);
+    assert!(grid.evicted() > 0);
+    assert!((grid.score(&corner(), around) - at_home).abs() < 0.05 * at_home);
+    assert_eq!(grid.score(&corner(), Pose2::IDENTITY), 0.0);
+}
+
+#[test]
+fn memory_of_the_wrong_form_is_refused() {
+    let mut tiles = vec![NdtTile::EMPTY; 4];
+    let mut odd = [DirectoryEntry::default(); 12];
+    assert_eq!(NdtGrid::new(&SINGLE, &mut odd, &mut tiles).err(), Some(NdtMemoryError::Directory(12)));
+    assert_eq!(NdtGrid::new(&SINGLE, &mut [], &mut tiles).err(), Some(NdtMemoryError::Directory(0)));
+    let mut good = [DirectoryEntry::default(); 16];
+    assert_eq!(NdtGrid::new(&SINGLE, &mut good, &mut []).err(), Some(NdtMemoryError::Tiles(0)));
+    assert!(NdtGrid::new(&SINGLE, &mut good, &mut tiles).is_ok());
+}
+
+#[test]
+fn memory_lent_again_starts_empty() {
+    let mut memory = Memory::new(20);
+    memory.grid(&SINGLE).insert(&corner(), Pose2::IDENTITY);
+    let grid = memory.grid(&SINGLE);
+    assert_eq!(grid.tiles_used(), 0);
+    assert_eq!(grid.score(&corner(), Pose2::IDENTITY), 0.0);
+}
+
+#[test]
+fn corridor_constrains_across_and_a_corner_both_ways() {
+    let corridor: Vec<_> =
+        (0..200).flat_map(|i| [-1.0, 1.0].map(|y| Point2::new(0.05 * i as f32 - 5.0, y + 0.13))).collect();
+    let mut memory = Memory::new(40);
+    let mut grid = memory.grid(&SINGLE);
+    grid.insert(&corridor, Pose2::IDENTITY);
+    let [xx, _, yy] = grid.constraint(&corridor, Pose2::IDENTITY);
+    assert!(xx < 0.01 && yy > 0.5, "{xx} {yy}");
+    let mut memory = Memory::new(40);
+    let mut grid = memory.grid(&SINGLE);
+    grid.insert(&corner(), Pose2::IDENTITY);
+    let [xx, _, yy] = grid.constraint(&corner(), Pose2::IDENTITY);
+    assert!(xx > 0.2 && yy > 0.2, "{xx} {yy}");
+}

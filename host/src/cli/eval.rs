@@ -7,7 +7,11 @@ use clap::Args;
 use lrfslam_core::time::Duration;
 
 use super::{Failure, print};
-use crate::evaluation::{RelationReport, Statistics, TruthReport, evaluate_relations, evaluate_truth, read_relations};
+use crate::evaluation::{
+    RelationReport, Standing, Statistics, StretchReport, TruthReport, Turn, evaluate_relations, evaluate_stretches,
+    evaluate_truth, read_relations,
+};
+use crate::log::{LogOptions, LogReader, LogScan};
 use crate::trajectory::{TimedPose, read_trajectory};
 
 /// Judge a trajectory by relations between poses or by the true path.
@@ -39,6 +43,9 @@ struct Reference {
     /// The true path: TUM, or lines `t x y theta`.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
+    /// The log the trajectory was made from: its odometry shows where the robot stood and where it turned fastest.
+    #[arg(long, value_name = "LOG")]
+    stretches: Option<PathBuf>,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -57,10 +64,12 @@ fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
 pub(super) fn run(args: &EvalArgs) -> Result<(), Failure> {
     let poses = read_trajectory(&args.trajectory).map_err(Failure::start)?;
     let tolerance = Duration::from_micros((args.tolerance * 1e6).round() as i64);
-    let text = match (&args.reference.relations, &args.reference.truth) {
-        (Some(file), _) => by_relations(args, &poses, file, tolerance)?,
-        (None, Some(file)) => by_truth(args, &poses, file, tolerance)?,
-        (None, None) => return Err(Failure::start(anyhow::anyhow!("--relations or --truth is missing"))),
+    let Reference { relations, truth, stretches } = &args.reference;
+    let text = match (relations, truth, stretches) {
+        (Some(file), _, _) => by_relations(args, &poses, file, tolerance)?,
+        (_, Some(file), _) => by_truth(args, &poses, file, tolerance)?,
+        (_, _, Some(log)) => by_stretches(args, &poses, log)?,
+        (None, None, None) => return Err(Failure::start(anyhow::anyhow!("the reference is missing"))),
     };
     print(&text)
 }
@@ -75,6 +84,29 @@ fn by_truth(args: &EvalArgs, poses: &[TimedPose], file: &Path, tolerance: Durati
     let truth = read_trajectory(file).map_err(Failure::start)?;
     let report = evaluate_truth(poses, &truth, tolerance, args.stretch).map_err(Failure::start)?;
     if args.json { json(&report) } else { Ok(truth_table(&report)) }
+}
+
+fn by_stretches(args: &EvalArgs, poses: &[TimedPose], log: &Path) -> Result<String, Failure> {
+    let scans = LogReader::open(log, LogOptions::default()).map_err(Failure::start)?;
+    let scans: Vec<LogScan> = scans.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let report = evaluate_stretches(poses, &scans).map_err(Failure::start)?;
+    if args.json { json(&report) } else { Ok(stretch_table(&report)) }
+}
+
+fn stretch_table(report: &StretchReport) -> String {
+    let mut text = head("step against odometry");
+    row(&mut text, "translation, m", &report.step_departure_m);
+    row(&mut text, "rotation, deg", &report.step_departure_deg);
+    let _ = writeln!(text, "\nstanding: from, s   for, s   drift, m  drift, deg   spread, m");
+    for s in &report.standing {
+        let Standing { from_s, duration_s, drift_m, drift_deg, spread_m } = s;
+        let _ = writeln!(text, "{from_s:>18.1}{duration_s:>9.1}{drift_m:>11.4}{drift_deg:>12.3}{spread_m:>12.4}");
+    }
+    let _ = writeln!(text, "\nturning:  from, s   turned, deg   error, deg   worst jump, m");
+    for Turn { from_s, turned_deg, error_deg, jump_m } in &report.turns {
+        let _ = writeln!(text, "{from_s:>18.1}{turned_deg:>14.1}{error_deg:>13.2}{jump_m:>16.4}");
+    }
+    text
 }
 
 fn json(report: &impl serde::Serialize) -> Result<String, Failure> {
@@ -118,10 +150,10 @@ fn truth_table(report: &TruthReport) -> String {
 
 fn head(name: &str) -> String {
     let columns = ["mean", "std", "rmse", "median", "max"].map(|c| format!("{c:>10}"));
-    format!("{name:<20}{}\n", columns.concat())
+    format!("{name:<22}{}\n", columns.concat())
 }
 
 fn row(text: &mut String, name: &str, of: &Statistics) {
     let values = [of.mean, of.std, of.rmse, of.median, of.max].map(|v| format!("{v:>10.4}"));
-    let _ = writeln!(text, "{name:<20}{}", values.concat());
+    let _ = writeln!(text, "{name:<22}{}", values.concat());
 }

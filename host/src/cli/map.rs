@@ -14,7 +14,7 @@ use super::{Failure, print};
 use crate::config::RunConfig;
 use crate::log::{LogReader, LogScan};
 use crate::map_io::{PGM_SIDE_MAX, write_map};
-use crate::mapper::Mapper;
+use crate::mapper::{Mapper, MapperMemory, MatchCounts};
 use crate::occupancy_map::OccupancyMap;
 use crate::output::{PendingFile, write_file};
 use crate::picture::write_picture;
@@ -81,7 +81,7 @@ struct Job {
     input: Input,
     out: PathBuf,
     log: LogReader,
-    mapper: Mapper,
+    matching: MatchCounts,
     map: OccupancyMap,
     trajectory_file: Option<PendingFile>,
     trajectory: Vec<TimedPose>,
@@ -101,7 +101,6 @@ impl Job {
     fn prepare(args: &MapArgs) -> Result<Self, anyhow::Error> {
         let config = RunConfig::load(args.config.as_deref(), &args.set)?;
         let log = LogReader::open(&args.log, config.log_options())?;
-        let mapper = Mapper::new(&config, args.seed)?;
         let out = args.out.clone().unwrap_or_else(|| default_folder(&args.log));
         let trajectory_file = open_folder(&out)?;
         let name = args.log.display().to_string();
@@ -115,7 +114,7 @@ impl Job {
             input,
             out,
             log,
-            mapper,
+            matching: MatchCounts::default(),
             trajectory_file: Some(trajectory_file),
             trajectory: Vec::new(),
             beams: BeamCounts::default(),
@@ -126,27 +125,33 @@ impl Job {
     /// Maps scan after scan until the log ends; returns the fault that ended it early.
     fn work(&mut self) -> Option<anyhow::Error> {
         let started = WallInstant::now();
-        let bytes_read = self.log.bytes_read();
-        let mut fault = None;
-        while let Some(next) = self.log.next() {
-            let done = next.map_err(anyhow::Error::new).and_then(|scan| self.step(&scan));
-            if let Err(error) = done {
-                fault = Some(error);
-                break;
-            }
-            self.progress.set_position(bytes_read.get());
-        }
+        let mut memory = MapperMemory::new(&self.config);
+        let fault = self.map_scans(&mut memory).err();
         self.wall = started.elapsed();
         self.progress.finish_and_clear();
         fault
     }
 
-    fn step(&mut self, scan: &LogScan) -> Result<(), anyhow::Error> {
-        let outcome = self.mapper.add_scan(scan, self.args.odometry);
+    fn map_scans(&mut self, memory: &mut MapperMemory) -> Result<(), anyhow::Error> {
+        let mut mapper = Mapper::new(&self.config, self.args.seed, memory)?;
+        let bytes_read = self.log.bytes_read();
+        while let Some(scan) = self.log.next() {
+            self.step(&scan?, &mut mapper)?;
+            self.matching = mapper.counts();
+            self.progress.set_position(bytes_read.get());
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, scan: &LogScan, mapper: &mut Mapper<'_>) -> Result<(), anyhow::Error> {
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| self.config.robot_from_lrf());
-        self.map.insert(&scan.scan(), outcome.map_from_robot * robot_from_lrf);
+        let step = mapper.add_scan(scan, robot_from_lrf, self.args.odometry)?;
+        let map_from_robot = step.matched.map_from_robot;
+        if !step.is_lost {
+            self.map.insert(&scan.scan(), map_from_robot * robot_from_lrf);
+        }
         self.beams.add(scan);
-        let pose = TimedPose { stamp: scan.stamp, map_from_robot: outcome.map_from_robot };
+        let pose = TimedPose { stamp: scan.stamp, map_from_robot };
         self.trajectory.push(pose);
         if let Some(file) = &mut self.trajectory_file {
             pose.write_tum(file).with_context(|| cannot_write(&self.out.join("trajectory.tum")))?;
@@ -185,6 +190,7 @@ impl Job {
             odometry: self.args.odometry,
             log: self.log.counts(),
             beams: self.beams,
+            matching: self.matching,
             range_max_m: self.log.range_max_m(),
             cost: self.cost(),
             partial: fault.is_some(),

@@ -5,6 +5,7 @@
 
 mod config;
 mod eval;
+mod experiment;
 mod laser;
 mod live_scans;
 mod lrf;
@@ -37,6 +38,7 @@ enum Command {
     Replay(replay::ReplayArgs),
     Lrf(lrf::LrfArgs),
     Config(config::ConfigArgs),
+    Experiment(experiment::ExperimentArgs),
 }
 
 /// Why a command did not end well.
@@ -75,6 +77,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Replay(args) => replay::run(args),
         Command::Lrf(args) => lrf::run(args),
         Command::Config(args) => config::run(args),
+        Command::Experiment(args) => experiment::run(args),
     };
     let (error, code) = match done {
         Ok(()) => return ExitCode::SUCCESS,
@@ -82,8 +85,17 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(Failure::Work(error)) => (error, 1),
     };
     // With stderr closed too there is nobody left to tell.
-    let _ = writeln!(io::stderr(), "lrfslam: {error:#}");
+    let _ = writeln!(io::stderr(), "lrfslam: {}", in_one_line(&error));
     ExitCode::from(code)
+}
+
+/// The error and its causes, but no cause that an outer message has quoted already.
+fn in_one_line(error: &anyhow::Error) -> String {
+    error.chain().fold(String::new(), |text, cause| match cause.to_string() {
+        cause if text.contains(&cause) => text,
+        cause if text.is_empty() => cause,
+        cause => format!("{text}: {cause}"),
+    })
 }
 
 /// Writes `text` to stdout; a reader that has gone away is no fault.

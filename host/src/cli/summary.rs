@@ -39,6 +39,18 @@ fn notes(report: &RunReport) -> Vec<String> {
             log.mounting_contradictions > 0,
             format!("{} scans contradict the laser's mounting on the robot", log.mounting_contradictions),
         ),
+        (
+            report.matching.lost_scans > 0,
+            format!("{} scans agreed too little with the map to be believed", report.matching.lost_scans),
+        ),
+        (
+            report.matching.undetermined_scans > 0,
+            format!("{} scans left an axis undetermined (featureless corridor?)", report.matching.undetermined_scans),
+        ),
+        (
+            report.matching.dropped_points > 0,
+            format!("memory.ndt_tiles is too small: {} points found no room", report.matching.dropped_points),
+        ),
         (log.cut_last_line, "the last line of the log is cut short and was ignored".to_owned()),
     ];
     all.into_iter().filter(|(applies, _)| *applies).map(|(_, note)| note).collect()

@@ -5,12 +5,14 @@
 
 mod relations;
 mod statistics;
+mod stretches;
 mod truth;
 
 use lrfslam_core::time::{Duration, Instant};
 
 pub use relations::{Relation, RelationReport, evaluate_relations, read_relations};
 pub use statistics::Statistics;
+pub use stretches::{Standing, StretchError, StretchReport, Turn, evaluate_stretches};
 pub use truth::{RelativeError, TruthReport, evaluate_truth};
 
 use crate::pose_f64::PoseF64;

@@ -1,0 +1,182 @@
+use super::*;
+use crate::test_world::World;
+use crate::time::Instant;
+use core::f32::consts::PI;
+use rand_core::SeedableRng;
+use rand_pcg::Pcg32;
+
+/// Owns what an odometry borrows.
+struct Memory {
+    directory: Vec<DirectoryEntry>,
+    tiles: Vec<NdtTile>,
+    population: Vec<Member<3>>,
+    points: Vec<Point2>,
+    hits: Vec<Point2>,
+    key_points: Vec<Point2>,
+    key_scans: Vec<KeyScan>,
+}
+
+impl Memory {
+    fn new(tiles: usize) -> Self {
+        Self {
+            directory: vec![DirectoryEntry::default(); 4 * 64 * 64],
+            tiles: vec![NdtTile::EMPTY; tiles],
+            population: vec![Member::EMPTY; 300],
+            points: vec![Point2::default(); 200],
+            hits: vec![Point2::default(); 200],
+            key_points: vec![Point2::default(); 2000],
+            key_scans: vec![KeyScan::default(); 10],
+        }
+    }
+
+    fn odometry(&mut self, config: &LaserOdometryConfig) -> LaserOdometry<'_> {
+        let lent = OdometryMemory {
+            directory: &mut self.directory,
+            tiles: &mut self.tiles,
+            population: &mut self.population,
+            points: &mut self.points,
+            hits: &mut self.hits,
+            key_points: &mut self.key_points,
+            key_scans: &mut self.key_scans,
+        };
+        LaserOdometry::new(config, lent).unwrap()
+    }
+}
+
+fn with_reference(reference: Reference) -> LaserOdometryConfig {
+    LaserOdometryConfig { odometry: OdometryConfig { reference, ..Default::default() }, ..Default::default() }
+}
+
+/// Round the room in 120 scans, a full circle of 1 m radius.
+fn circle(step: usize) -> Pose2 {
+    let angle = 2.0 * PI * step as f32 / 120.0;
+    Pose2::new(libm::sinf(angle), 1.0 - libm::cosf(angle), angle)
+}
+
+/// Drives `path` through the room and returns the robot's final pose with the last report.
+fn drive(
+    odometry: &mut LaserOdometry<'_>,
+    path: impl Iterator<Item = Pose2>,
+    robot_from_lrf: Pose2,
+    seed: u64,
+) -> (Pose2, Vec<StepReport>) {
+    let world = World::room();
+    let mut rng = Pcg32::seed_from_u64(seed);
+    let mut reports = Vec::new();
+    for map_from_robot in path {
+        let beams = world.scan(map_from_robot * robot_from_lrf, 8.0, 0.01, &mut rng);
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+        reports.push(odometry.step(&scan, robot_from_lrf, None, &mut rng).unwrap());
+    }
+    (odometry.map_from_robot(), reports)
+}
+
+#[test]
+fn a_circle_closes_against_every_reference() {
+    for (reference, tolerance_m) in
+        [(Reference::WholeMap, 0.03), (Reference::RecentScans, 0.15), (Reference::PreviousScan, 0.4)]
+    {
+        for seed in 0..3 {
+            let mut memory = Memory::new(2000);
+            let mut odometry = memory.odometry(&with_reference(reference));
+            let (end, reports) = drive(&mut odometry, (0..=120).map(circle), Pose2::IDENTITY, seed);
+            assert!(end.position().norm() < tolerance_m, "{reference:?} seed {seed} ends at {end:?}");
+            assert!(reports.iter().all(|r| !r.is_lost && r.dropped == 0));
+        }
+    }
+}
+
+#[test]
+fn the_path_is_the_robots_and_not_the_lasers() {
+    // Turning on the spot moves a laser that sits 0.4 m ahead on a circle; the robot stays.
+    let robot_from_lrf = Pose2::new(0.4, -0.1, 0.3);
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let turn = (0..60).map(|i| Pose2::new(0.0, 0.0, 0.08 * i as f32));
+    let (end, _) = drive(&mut odometry, turn, robot_from_lrf, 1);
+    let truth = Pose2::new(0.0, 0.0, 0.08 * 59.0);
+    let error = truth.between(end);
+    assert!(error.position().norm() < 0.03 && error.heading.abs() < 0.01, "{error:?}");
+}
+
+#[test]
+fn a_standing_robot_does_not_drift() {
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let (_, reports) = drive(&mut odometry, (0..300).map(|_| Pose2::IDENTITY), Pose2::IDENTITY, 1);
+    let mean = |part: &[StepReport], of: fn(Pose2) -> f32| {
+        part.iter().map(|r| of(r.matched.map_from_robot)).sum::<f32>() / part.len() as f32
+    };
+    let drift = |of| mean(&reports[250..], of) - mean(&reports[1..51], of);
+    let (x, y, heading) = (drift(|p| p.x), drift(|p| p.y), drift(|p| p.heading).to_degrees());
+    assert!(x.abs() < 0.003 && y.abs() < 0.003 && heading.abs() < 0.05, "{x} m {y} m {heading} deg");
+    assert!(reports.iter().all(|r| r.matched.map_from_robot.position().norm() < 0.03));
+    assert_eq!(reports.iter().filter(|r| r.is_key).count(), 10, "standing adds no more than the first scans");
+}
+
+#[test]
+fn a_robot_pushed_aside_finds_itself_again() {
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let pushed = Pose2::new(-1.2, 0.8, 1.2);
+    let path = (0..=120).map(circle).chain((0..5).map(|_| pushed));
+    let (end, reports) = drive(&mut odometry, path, Pose2::IDENTITY, 2);
+    let error = pushed.between(end);
+    assert!(error.position().norm() < 0.05 && error.heading.abs() < 0.02, "{error:?}");
+    assert!(!reports.last().unwrap().is_lost);
+}
+
+#[test]
+fn odometry_given_is_the_prediction() {
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let world = World::room();
+    let mut rng = Pcg32::seed_from_u64(1);
+    let moved = Pose2::new(0.9, -0.4, 0.6);
+    for (pose, displacement) in [(Pose2::IDENTITY, None), (moved, Some(moved))] {
+        let beams = world.scan(pose, 8.0, 0.01, &mut rng);
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+        let report = odometry.step(&scan, Pose2::IDENTITY, displacement, &mut rng).unwrap();
+        assert_eq!(report.predicted, pose);
+    }
+    assert!(moved.between(odometry.map_from_robot()).position().norm() < 0.05);
+}
+
+#[test]
+fn little_memory_is_reported_and_survived() {
+    let mut memory = Memory::new(12);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let (end, reports) = drive(&mut odometry, (0..60).map(circle), Pose2::IDENTITY, 1);
+    assert!(reports.iter().any(|r| r.dropped > 0));
+    assert!(end.is_finite());
+    memory.points.truncate(20);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let mut rng = Pcg32::seed_from_u64(1);
+    let beams = World::room().scan(Pose2::IDENTITY, 8.0, 0.01, &mut rng);
+    let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+    assert_eq!(odometry.step(&scan, Pose2::IDENTITY, None, &mut rng).unwrap_err(), PointCapacityError { capacity: 20 });
+}
+
+#[test]
+fn a_moving_window_of_scans_gives_its_tiles_back() {
+    let mut memory = Memory::new(400);
+    let mut config = with_reference(Reference::RecentScans);
+    config.odometry.recent_scans = 3;
+    let mut odometry = memory.odometry(&config);
+    let (_, reports) = drive(&mut odometry, (0..=480).map(circle), Pose2::IDENTITY, 1);
+    assert!(reports.iter().all(|r| r.dropped == 0));
+}
+
+#[test]
+fn same_seed_same_bits() {
+    let run = || {
+        let mut memory = Memory::new(2000);
+        let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+        drive(&mut odometry, (0..40).map(circle), Pose2::IDENTITY, 7).0
+    };
+    let (a, b) = (run(), run());
+    assert_eq!(
+        (a.x.to_bits(), a.y.to_bits(), a.heading.to_bits()),
+        (b.x.to_bits(), b.y.to_bits(), b.heading.to_bits())
+    );
+}

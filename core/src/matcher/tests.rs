@@ -1,0 +1,107 @@
+use super::*;
+use crate::filter::{FilterConfig, filter};
+use crate::math::uniform;
+use crate::ndt::{DirectoryEntry, NdtConfig, NdtTile};
+use crate::scan::RangeScan;
+use crate::test_world::World;
+use crate::time::Instant;
+use rand_core::SeedableRng;
+use rand_pcg::Pcg32;
+
+const NDT: NdtConfig = NdtConfig {
+    cell_size_m: 0.5,
+    overlapping: true,
+    points_min: 3,
+    count_max: 240,
+    eigenvalue_ratio_min: 0.001,
+    noise_m: 0.02,
+};
+
+fn points(world: &World, pose: Pose2, radius_m: f32, range_max_m: f32, rng: &mut Pcg32) -> Vec<Point2> {
+    let beams = world.scan(pose, range_max_m, 0.01, rng);
+    let scan = RangeScan { stamp: Instant::default(), range_max_m, beams: &beams };
+    let mut memory = vec![Point2::default(); 200];
+    filter(&FilterConfig { radius_m }, &scan, Pose2::IDENTITY, &mut memory).unwrap().to_vec()
+}
+
+/// Matches a scan from `at` against a scan from the origin, both filtered as the thesis does.
+fn match_from(world: &World, at: Pose2, config: &MatcherConfig, range_max_m: f32, seed: u64) -> (Match, Pose2) {
+    let mut rng = Pcg32::seed_from_u64(seed);
+    let mut directory = vec![DirectoryEntry::default(); 4 * 64 * 64];
+    let mut tiles = vec![NdtTile::EMPTY; 800];
+    let mut population = vec![Member::EMPTY; 100];
+    let mut ndt = NdtGrid::new(&NDT, &mut directory, &mut tiles).unwrap();
+    ndt.insert(&points(world, Pose2::IDENTITY, 0.0, range_max_m, &mut rng), Pose2::IDENTITY);
+    let source = points(world, at, 0.1, range_max_m, &mut rng);
+    let mut matcher = ScanMatcher::new(&SearchConfig::default(), &DeConfig::default(), config, &mut population);
+    let prediction = Prediction { map_from_robot: Pose2::IDENTITY, score_expected: source.len() as f32 };
+    let found = matcher.align(&ndt, &source, &prediction, &mut rng);
+    (found, matcher.align_locally(&ndt, &source, &prediction))
+}
+
+fn error(found: Pose2, truth: Pose2) -> (f32, f32) {
+    let error = truth.between(found);
+    (error.position().norm(), error.heading.abs().to_degrees())
+}
+
+/// Anywhere in the box of table 4.4.
+fn displacement(rng: &mut Pcg32) -> Pose2 {
+    Pose2::new(-0.5 + 1.5 * uniform(rng), 0.5 * uniform(rng) - 0.25, (40.0 * uniform(rng) - 20.0).to_radians())
+}
+
+#[test]
+fn finds_displacements_all_over_the_box_where_newton_does_not() {
+    let world = World::room();
+    let mut rng = Pcg32::seed_from_u64(5);
+    let (mut found, mut found_locally) = (0, 0);
+    let config = MatcherConfig { prior_position_m: 0.0, ..MatcherConfig::default() };
+    for seed in 0..60 {
+        let truth = displacement(&mut rng);
+        let (matched, local) = match_from(&world, truth, &config, 8.0, seed);
+        let hit = |pose| error(pose, truth).0 < 0.05 && error(pose, truth).1 < 1.0;
+        found += usize::from(hit(matched.map_from_robot));
+        found_locally += usize::from(hit(local));
+    }
+    assert!(found >= 59, "{found} of 60 found");
+    assert!(found_locally < 40, "Newton alone finds {found_locally} of 60");
+}
+
+#[test]
+fn thesis_settings_find_the_displacement_too() {
+    let config =
+        MatcherConfig { newton_steps: 0, prior_position_m: 0.0, prior_heading_deg: 0.0, ..MatcherConfig::default() };
+    let truth = Pose2::new(0.6, -0.1, 0.2);
+    let (matched, _) = match_from(&World::room(), truth, &config, 8.0, 3);
+    let (distance, turn) = error(matched.map_from_robot, truth);
+    assert!(distance < 0.05 && turn < 1.0, "{distance} m {turn} deg");
+    assert!(matched.generations > 0);
+}
+
+#[test]
+fn a_featureless_corridor_is_noticed_and_its_axis_named() {
+    let truth = Pose2::new(0.3, 0.05, 0.1);
+    let (matched, _) = match_from(&World::corridor(), truth, &MatcherConfig::default(), 8.0, 1);
+    let axis = matched.undetermined.expect("a corridor leaves its axis open");
+    assert!(axis.x.abs() > 0.99, "{axis:?}");
+    let (along, across) = (matched.covariance[(0, 0)], matched.covariance[(1, 1)]);
+    assert!(along > 10.0 * across, "{along} {across}");
+    let departure = truth.between(matched.map_from_robot);
+    assert!(departure.y.abs() < 0.05 && departure.heading.abs() < 0.02, "{departure:?}");
+    let (matched, _) = match_from(&World::room(), truth, &MatcherConfig::default(), 8.0, 1);
+    assert_eq!(matched.undetermined, None);
+}
+
+#[test]
+fn nothing_seen_stays_at_the_prediction() {
+    let mut directory = [DirectoryEntry::default(); 4];
+    let mut tiles = vec![NdtTile::EMPTY; 2];
+    let mut population = [Member::EMPTY; 10];
+    let ndt = NdtGrid::new(&NDT, &mut directory, &mut tiles).unwrap();
+    let mut matcher =
+        ScanMatcher::new(&SearchConfig::default(), &DeConfig::default(), &MatcherConfig::default(), &mut population);
+    let prediction = Prediction { map_from_robot: Pose2::new(1.0, 2.0, 3.0), score_expected: 0.0 };
+    let found = matcher.align(&ndt, &[], &prediction, &mut Pcg32::seed_from_u64(0));
+    assert_eq!(found.score, 0.0);
+    assert!((found.map_from_robot.x - 1.0).abs() < 1e-3 && (found.map_from_robot.heading - 3.0).abs() < 1e-3);
+    assert!(found.covariance[(0, 0)] > 1.0 && found.undetermined.is_some());
+}

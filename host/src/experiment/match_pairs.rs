@@ -1,0 +1,258 @@
+//! How often a scan is found again that was displaced anywhere in the search box (thesis §5.1, on real scans).
+//!
+//! A pair is a scan and a later one; their true displacement comes from a trajectory that was made with all scans. The
+//! search is centred so far from it that the truth is uniformly distributed in the box. A pair is recovered if the match
+//! is within 5 cm and 1° of the truth. The same pairs, on the same cells, are given to differential evolution with a
+//! polish by Newton steps (ours), to differential evolution alone (the thesis), and to Newton's method from the centre of
+//! the box: the contrast that the thesis claims.
+
+use std::time::Instant as WallInstant;
+
+use lrfslam_core::de::{DeConfig, Member};
+use lrfslam_core::filter::{FilterConfig, filter};
+use lrfslam_core::geometry::{Point2, Pose2};
+use lrfslam_core::matcher::{Match, MatcherConfig, Prediction, ScanMatcher, SearchConfig};
+use lrfslam_core::math::uniform;
+use lrfslam_core::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtTile};
+use rand_core::{Rng as _, SeedableRng as _};
+use rand_pcg::Pcg32;
+use serde::Serialize;
+
+use crate::config::RunConfig;
+use crate::log::LogScan;
+use crate::trajectory::TimedPose;
+
+/// A match this near to the truth is a recovery.
+const RECOVERED_M: f32 = 0.05;
+const RECOVERED_RAD: f32 = std::f32::consts::PI / 180.0;
+/// Points nearer than this to one of the other scan's overlap with it, m.
+const OVERLAP_M: f32 = 0.3;
+
+/// What to try.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MatchPairsConfig {
+    /// Pairs to draw.
+    pub pairs: u32,
+    /// Scans from the first of a pair to the second.
+    pub gap: u32,
+    /// Of the draws.
+    pub seed: u64,
+    /// Pairs of which a smaller share of points overlaps are left out, 0 to 1.
+    pub overlap_min: f32,
+    /// Side of an NDT cell for the single scan that is matched against, m.
+    pub cell_size_m: f32,
+}
+
+/// A way to match.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum Contender {
+    /// Differential evolution over the box, polished by Newton steps.
+    Polished,
+    /// Differential evolution alone, as in the thesis.
+    Evolution,
+    /// Newton's method from the centre of the box.
+    Newton,
+}
+
+/// How one contender did.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ContenderScore {
+    /// Which.
+    pub contender: Contender,
+    /// Share of all judged pairs recovered.
+    pub recovered: f64,
+    /// Share recovered of the pairs whose scene determines every axis.
+    pub recovered_determined: f64,
+    /// Mean time of a match, ms.
+    pub mean_ms: f64,
+}
+
+/// What came out.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MatchPairsReport {
+    /// What was tried.
+    pub config: MatchPairsConfig,
+    /// Pairs drawn whose scans overlap.
+    pub judged: usize,
+    /// Pairs left out because their scans overlap too little.
+    pub without_overlap: usize,
+    /// Judged pairs whose scene leaves an axis undetermined at the truth.
+    pub undetermined: usize,
+    /// One line for each contender.
+    pub scores: Vec<ContenderScore>,
+}
+
+/// The log and the trajectory do not go together.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "the log has {scans} scans and the trajectory {poses} poses: expected a pose for every scan, and more scans than the gap of {gap}"
+)]
+pub struct MatchPairsError {
+    scans: usize,
+    poses: usize,
+    gap: u32,
+}
+
+/// Draws pairs and matches them; `poses` has the pose of every scan of `scans`, in the same order.
+///
+/// # Errors
+/// If the numbers of scans and poses differ, or there is no pair.
+pub fn match_pairs(
+    run: &RunConfig,
+    config: &MatchPairsConfig,
+    scans: &[LogScan],
+    poses: &[TimedPose],
+) -> Result<MatchPairsReport, MatchPairsError> {
+    let gap = config.gap as usize;
+    if scans.len() != poses.len() || scans.len() <= gap {
+        return Err(MatchPairsError { scans: scans.len(), poses: poses.len(), gap: config.gap });
+    }
+    let mut bench = Bench::new(run, config);
+    let mut rng = Pcg32::seed_from_u64(config.seed);
+    for _ in 0..config.pairs {
+        let first = (u64::from(rng.next_u32()) * (scans.len() - gap) as u64 >> 32) as usize;
+        let offset = Pose2::new(
+            -run.search.backward_m + (run.search.backward_m + run.search.forward_m) * uniform(&mut rng),
+            run.search.lateral_m * (2.0 * uniform(&mut rng) - 1.0),
+            run.search.rotation_deg.to_radians() * (2.0 * uniform(&mut rng) - 1.0),
+        );
+        let truth = poses[first].map_from_robot.between(poses[first + gap].map_from_robot);
+        bench.judge(&scans[first], &scans[first + gap], truth, offset, &mut rng);
+    }
+    Ok(bench.report())
+}
+
+/// Works through pairs and keeps the tally.
+struct Bench {
+    run: RunConfig,
+    config: MatchPairsConfig,
+    directory: Vec<DirectoryEntry>,
+    tiles: Vec<NdtTile>,
+    population: Vec<Member<3>>,
+    without_overlap: usize,
+    undetermined: usize,
+    judged: usize,
+    tally: [Tally; 3],
+}
+
+/// One contender's results so far.
+#[derive(Clone, Copy, Default)]
+struct Tally {
+    recovered: usize,
+    recovered_determined: usize,
+    seconds: f64,
+}
+
+const CONTENDERS: [Contender; 3] = [Contender::Polished, Contender::Evolution, Contender::Newton];
+
+impl Bench {
+    fn new(run: &RunConfig, config: &MatchPairsConfig) -> Self {
+        Self {
+            run: *run,
+            config: *config,
+            directory: vec![DirectoryEntry::default(); 4 * 256 * 256],
+            tiles: vec![NdtTile::EMPTY; 4096],
+            population: vec![Member::EMPTY; usize::from(run.de.population)],
+            without_overlap: 0,
+            undetermined: 0,
+            judged: 0,
+            tally: [Tally::default(); 3],
+        }
+    }
+
+    /// Matches `source` against `target` by every contender; the search is centred at truth ⊕ offset⁻¹.
+    fn judge(&mut self, target: &LogScan, source: &LogScan, truth: Pose2, offset: Pose2, rng: &mut Pcg32) {
+        let reference = points_of(target, 0.0, &self.run);
+        let points = points_of(source, self.run.filter.radius_m, &self.run);
+        if overlap(&reference, &points, truth) < self.config.overlap_min {
+            self.without_overlap += 1;
+            return;
+        }
+        let layers = if self.run.ndt.overlapping { 4 } else { 1 };
+        let config = NdtConfig { cell_size_m: self.config.cell_size_m, ..self.run.ndt };
+        let directory = &mut self.directory[..layers * 256 * 256];
+        let Ok(mut ndt) = NdtGrid::new(&config, directory, &mut self.tiles) else { return };
+        ndt.insert(&reference, Pose2::IDENTITY);
+        // A of eq. (4.43), from a scan filtered as the one that is matched.
+        let own = ndt.score(&points_of(target, self.run.filter.radius_m, &self.run), Pose2::IDENTITY);
+        let prediction = Prediction { map_from_robot: truth * offset.inverse(), score_expected: own };
+        let seed = u64::from(rng.next_u32());
+        let determined = is_determined(&self.run.matcher, &ndt, &points, truth);
+        self.judged += 1;
+        self.undetermined += usize::from(!determined);
+        for (contender, tally) in CONTENDERS.into_iter().zip(&mut self.tally) {
+            let started = WallInstant::now();
+            let found = align(contender, &self.run, &ndt, &points, &prediction, &mut self.population, seed);
+            tally.seconds += started.elapsed().as_secs_f64();
+            let error = truth.between(found);
+            let recovered = error.position().norm() <= RECOVERED_M && error.heading.abs() <= RECOVERED_RAD;
+            tally.recovered += usize::from(recovered);
+            tally.recovered_determined += usize::from(recovered && determined);
+        }
+    }
+
+    fn report(&self) -> MatchPairsReport {
+        let share = |part: usize, whole: usize| part as f64 / whole.max(1) as f64;
+        let determined = self.judged - self.undetermined;
+        let score = |(contender, tally): (Contender, &Tally)| ContenderScore {
+            contender,
+            recovered: share(tally.recovered, self.judged),
+            recovered_determined: share(tally.recovered_determined, determined),
+            mean_ms: 1e3 * tally.seconds / self.judged.max(1) as f64,
+        };
+        MatchPairsReport {
+            config: self.config,
+            judged: self.judged,
+            without_overlap: self.without_overlap,
+            undetermined: self.undetermined,
+            scores: CONTENDERS.into_iter().zip(&self.tally).map(score).collect(),
+        }
+    }
+}
+
+/// Points of a scan in the robot frame, filtered with `radius_m`.
+fn points_of(scan: &LogScan, radius_m: f32, run: &RunConfig) -> Vec<Point2> {
+    let mut points = vec![Point2::default(); scan.beams.len()];
+    let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| run.robot_from_lrf());
+    // There is a place for every beam: this cannot fail.
+    let count =
+        filter(&FilterConfig { radius_m }, &scan.scan(), robot_from_lrf, &mut points).map_or(0, |kept| kept.len());
+    points.truncate(count);
+    points
+}
+
+/// Share of `points` that, displaced by `truth`, lie near a point of the reference.
+fn overlap(reference: &[Point2], points: &[Point2], truth: Pose2) -> f32 {
+    let near = |point: &&Point2| {
+        let moved = truth.transform(**point);
+        reference.iter().any(|other| (moved - *other).norm() <= OVERLAP_M)
+    };
+    points.iter().filter(near).count() as f32 / points.len().max(1) as f32
+}
+
+/// True if the scene determines every axis at the truth.
+fn is_determined(config: &MatcherConfig, ndt: &NdtGrid<'_>, points: &[Point2], truth: Pose2) -> bool {
+    let [xx, xy, yy] = ndt.constraint(points, truth);
+    0.5 * (xx + yy) - (0.5 * (xx - yy)).hypot(xy) >= config.constraint_min
+}
+
+fn align(
+    contender: Contender,
+    run: &RunConfig,
+    ndt: &NdtGrid<'_>,
+    points: &[Point2],
+    prediction: &Prediction,
+    population: &mut [Member<3>],
+    seed: u64,
+) -> Pose2 {
+    let newton_steps = if contender == Contender::Evolution { 0 } else { run.matcher.newton_steps };
+    // Nothing is known of the motion here: no prior.
+    let config = MatcherConfig { newton_steps, prior_position_m: 0.0, prior_heading_deg: 0.0, ..run.matcher };
+    let (search, de): (SearchConfig, DeConfig) = (run.search, run.de);
+    let mut matcher = ScanMatcher::new(&search, &de, &config, population);
+    if contender == Contender::Newton {
+        return matcher.align_locally(ndt, points, prediction);
+    }
+    let found: Match = matcher.align(ndt, points, prediction, &mut Pcg32::seed_from_u64(seed));
+    found.map_from_robot
+}
