@@ -1,8 +1,8 @@
 //! Serves a virtual laser range finder on a pseudo-terminal, so that any driver opens it as a serial port.
 //!
 //! The client's baud rate is read from the terminal, also a rate that plain `tcgetattr` does not know; bytes take the time
-//! that the line's rate gives them; what nobody reads is dropped, as on a real line; unplugging closes the terminal and
-//! takes its name away.
+//! that the line's rate gives them; what nobody reads is dropped once 64 KiB wait, which is what Linux keeps for a real
+//! port (a pseudo-terminal alone keeps 4 to 12); unplugging closes the terminal and takes its name away.
 
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
@@ -22,6 +22,8 @@ use crate::virtual_lrf::VirtualLrf;
 
 /// Bytes are handed over at least this often while some are under way: the time resolution of the line.
 const GRAIN: Duration = Duration::from_millis(1);
+/// Bytes that wait for a slow client, as many as the kernel keeps for a serial port.
+const KERNEL_BUFFER: usize = 64 * 1024;
 /// Longest sleep, so that a stop is noticed.
 const IDLE: Duration = Duration::from_millis(20);
 
@@ -142,6 +144,8 @@ fn replace_link(target: &str, link: &Path) -> Result<()> {
 /// The way between terminal and device.
 struct Line {
     cable: Cable,
+    /// Arrived, but not taken by the terminal yet.
+    waiting: Vec<u8>,
     to_host: FaultLink,
     to_device: FaultLink,
     report: LineReport,
@@ -151,6 +155,7 @@ impl Line {
     fn new(plan: FaultPlan, seed: u64) -> Self {
         Self {
             cable: Cable::default(),
+            waiting: Vec::new(),
             to_host: FaultLink::new(plan.damage, seed),
             to_device: FaultLink::new(plan.damage, seed ^ 0x5EED),
             report: LineReport::default(),
@@ -173,10 +178,25 @@ impl Line {
             self.cable.push(emission);
         }
         let arrived = self.cable.arrived(now, host_baud);
-        let left = terminal.map_or(arrived.len(), |terminal| terminal.write(&arrived));
-        self.report.dropped += left as u64;
-        let next = device.deadline().min(self.cable.next_arrival(now, GRAIN).unwrap_or(now + IDLE));
+        self.deliver(terminal, &arrived);
+        let retry = if self.waiting.is_empty() { IDLE } else { GRAIN };
+        let next = device.deadline().min(self.cable.next_arrival(now, GRAIN).unwrap_or(now + IDLE)).min(now + retry);
         Duration::from_micros(next.since(now).micros.clamp(100, IDLE.micros))
+    }
+}
+
+impl Line {
+    /// Hands over what arrived; without a client it is lost.
+    fn deliver(&mut self, terminal: Option<&Terminal>, arrived: &[u8]) {
+        let Some(terminal) = terminal else {
+            self.report.dropped += (arrived.len() + self.waiting.len()) as u64;
+            return self.waiting.clear();
+        };
+        let room = KERNEL_BUFFER.saturating_sub(self.waiting.len()).min(arrived.len());
+        self.waiting.extend(&arrived[..room]);
+        self.report.dropped += (arrived.len() - room) as u64;
+        let left = terminal.write(&self.waiting);
+        self.waiting.drain(..self.waiting.len() - left);
     }
 }
 

@@ -226,15 +226,21 @@ impl VirtualLrf for VirtualHokuyo {
         }
     }
 
+    /// Everything happens when it is due, also if the caller comes late.
     fn timeout(&mut self, now: Instant) {
-        while self.queue.first().is_some_and(|(due, _)| *due <= now) {
+        loop {
+            let due = self.deadline();
+            if due > now {
+                return;
+            }
+            if self.queue.first().is_none_or(|(at, _)| *at > due) {
+                self.finish_turn(due);
+                continue;
+            }
             let (_, line) = self.queue.remove(0);
             let repeats = self.drop_repetitions(&line);
-            self.answer(now, &line);
-            (0..repeats).for_each(|_| self.refuse_repetition(now, &line));
-        }
-        while self.scan_due().is_some_and(|due| due <= now) {
-            self.finish_turn(now);
+            self.answer(due, &line);
+            (0..repeats).for_each(|_| self.refuse_repetition(due, &line));
         }
     }
 

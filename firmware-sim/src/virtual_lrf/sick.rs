@@ -184,13 +184,15 @@ impl VirtualLrf for VirtualSick {
         self.take_telegrams(now);
     }
 
+    /// Everything happens when it is due, also if the caller comes late.
     fn timeout(&mut self, now: Instant) {
-        if self.booting_until.is_some_and(|until| until <= now) {
+        if let Some(until) = self.booting_until.filter(|until| *until <= now) {
             self.booting_until = None;
-            self.send(now, &[&[0x90][..], self.model.type_text].concat());
+            self.send(until, &[&[0x90][..], self.model.type_text].concat());
+            self.skip_to(until);
         }
-        while self.scan_due().is_some_and(|due| due <= now) {
-            self.finish_group(now);
+        while let Some(due) = self.scan_due().filter(|due| *due <= now && self.booting_until.is_none()) {
+            self.finish_group(due);
         }
     }
 

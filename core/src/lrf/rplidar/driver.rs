@@ -10,6 +10,9 @@ use crate::lrf::driver::{
 use crate::lrf::turn::{Sample, TurnAssembler, sample_time};
 use crate::scan::{Beam, Echo, RangeScan};
 use crate::time::{Duration, Instant};
+use identity::describe;
+
+mod identity;
 
 /// The beam memory to lend: a turn of the fastest model at its slowest speed.
 pub const BEAM_MEMORY: usize = 3300;
@@ -347,27 +350,6 @@ fn sample(measured: Measured, at: Instant) -> Sample {
     let range_m = measured.distance_mm / 1000.0;
     // 0 is no measurement: it frees nothing.
     Sample { clockwise_deg: measured.clockwise_deg, at, echo: Echo::from_range(range_m, RANGE_MAX_M) }
-}
-
-/// Model, versions and serial number of an information response.
-///
-/// Source: Interface Protocol, "Device Info Response": model, firmware minor and major, hardware, 16 bytes of serial number.
-fn describe(bytes: &[u8]) -> Identity {
-    use core::fmt::Write as _;
-    let mut identity = Identity {
-        angle_min_rad: -core::f32::consts::PI,
-        angle_max_rad: core::f32::consts::PI,
-        turn: Duration::from_millis(100),
-        range_max_m: RANGE_MAX_M,
-        ..Identity::default()
-    };
-    if let [model, minor, major, hardware, serial @ ..] = bytes {
-        // The longest of these texts fits its field: 32 characters.
-        let _ = write!(identity.model, "RPLIDAR model 0x{model:02X}, hardware {hardware}");
-        let _ = write!(identity.firmware, "{major}.{minor:02}");
-        let _ = serial.iter().try_for_each(|byte| write!(identity.serial, "{byte:02X}"));
-    }
-    identity
 }
 
 impl LrfDriver for RplidarDriver<'_> {

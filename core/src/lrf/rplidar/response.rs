@@ -254,7 +254,7 @@ mod tests {
     #[test]
     fn sample_has_check_bits() {
         // Quality 15, start; 90 degrees; 1000 mm.
-        let angle = (90 * 64 << 1 | 1_u16).to_le_bytes();
+        let angle = ((90_u16 * 64) << 1 | 1).to_le_bytes();
         let distance = (4000_u16).to_le_bytes();
         let bytes = [15 << 2 | 1, angle[0], angle[1], distance[0], distance[1]];
         let measured = Measured { distance_mm: 1000.0, clockwise_deg: 90.0 };
