@@ -313,7 +313,10 @@ mod tests {
     fn wrong_overrides_name_themselves() {
         let error = |o: &str| load("", &[o]).unwrap_err();
         assert!(error("map.cell=1").contains("--set map.cell=1: unknown field `cell`"));
-        assert!(error("mapp.cell_size_m=1").contains("there is no section `mapp`, expected one of log, map, mounting"));
+        assert!(
+            error("mapp.cell_size_m=1")
+                .contains("there is no section `mapp`, expected one of de, filter, log, map, matcher")
+        );
         assert!(error("cell_size_m").contains("expected section.key=value"));
         assert!(error("map.cell_size_m=wide").contains("invalid type"));
         assert!(error("map.cell_size_m=9").contains("map.cell_size_m is 9.0"));

@@ -66,7 +66,7 @@ fn eval_prints_a_table_or_json() {
     fs::write(folder.path().join("t.tum"), "1.0 0 0 0 0 0 0 1\n2.0 1.5 0 0 0 0 0 1\n").unwrap();
     fs::write(folder.path().join("r.txt"), "1.0 2.0 1 0 0 0 0 0\n1.0 9.0 1 0 0 0 0 0\n").unwrap();
     let (_, table, _) = run(folder.path(), &["eval", "t.tum", "--relations", "r.txt"]);
-    assert!(table.contains("translation, m          0.5000    0.0000"), "{table}");
+    assert!(table.contains("translation, m            0.5000    0.0000"), "{table}");
     assert!(table.contains("1 of 2 relations judged\n1 without a pose within 0.05 s"), "{table}");
     let (_, json, _) = run(folder.path(), &["eval", "t.tum", "--relations", "r.txt", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&json).unwrap();

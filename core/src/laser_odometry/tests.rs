@@ -180,3 +180,18 @@ fn same_seed_same_bits() {
         (b.x.to_bits(), b.y.to_bits(), b.heading.to_bits())
     );
 }
+
+/// Every bit of a drive, so that a difference between debug and release, one machine and another, or this crate built alone
+/// and together with std does not go unnoticed. A change of the algorithm changes it; then put the new value here.
+#[test]
+fn fingerprint_of_a_drive_is_the_same_everywhere() {
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let (_, reports) = drive(&mut odometry, (0..40).map(circle), Pose2::new(0.1, 0.0, 0.02), 2011);
+    let fnv = |hash: u64, word: u32| (hash ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3);
+    let fingerprint = reports.iter().fold(0xcbf2_9ce4_8422_2325, |hash, report| {
+        let Match { map_from_robot: pose, score, .. } = report.matched;
+        [pose.x, pose.y, pose.heading, score].iter().fold(hash, |hash, number| fnv(hash, number.to_bits()))
+    });
+    assert_eq!(fingerprint, 0x712a_20bd_2f82_2360, "{fingerprint:#018x}");
+}

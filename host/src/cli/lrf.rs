@@ -189,9 +189,9 @@ mod tests {
 
     #[test]
     fn plan_shows_a_wall_ahead() {
-        let beams: Vec<Beam> = (-8..=8)
+        let beams: Vec<Beam> = (-40..=40)
             .map(|step| {
-                let bearing_rad = step as f32 * 0.05;
+                let bearing_rad = step as f32 * 0.01;
                 Beam { bearing_rad, offset: Duration::ZERO, echo: Echo::Hit(2.0 / bearing_rad.cos()) }
             })
             .collect();
