@@ -11,7 +11,7 @@ use crate::geometry::{Point2, Pose2};
 use crate::matcher::{Match, MatcherConfig, Prediction, RecoveryConfig, ScanMatcher, SearchConfig};
 use crate::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtMemoryError, NdtTile};
 use crate::scan::RangeScan;
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 
 crate::config_choice! {
     /// What a scan is matched against.
@@ -121,6 +121,7 @@ pub struct LaserOdometry<'m> {
     map_from_key: Pose2,
     velocity: Pose2,
     last_stamp: Option<Instant>,
+    last_interval: Duration,
     score_per_point: f32,
     scans: u32,
     lost_scans: u16,
@@ -145,6 +146,7 @@ impl<'m> LaserOdometry<'m> {
             map_from_key: Pose2::IDENTITY,
             velocity: Pose2::IDENTITY,
             last_stamp: None,
+            last_interval: Duration::ZERO,
             score_per_point: 0.5,
             scans: 0,
             lost_scans: 0,
@@ -180,7 +182,7 @@ impl<'m> LaserOdometry<'m> {
         let hits = filter::hits(scan, robot_from_lrf, motion, self.hits)?;
         let count = filter::thin(&self.config.filter, hits, self.points)?.len();
         let hits = hits.len();
-        let predicted = self.map_from_robot * displacement.unwrap_or(self.velocity);
+        let predicted = self.map_from_robot * displacement.unwrap_or_else(|| self.expected_step(scan, count));
         let first = self.ndt.tiles_used() == 0;
         let prediction = Prediction { map_from_robot: predicted, score_expected: self.score_per_point * count as f32 };
         let matched = self.find(count, &prediction, rng);
@@ -195,18 +197,38 @@ impl<'m> LaserOdometry<'m> {
         let step = self.map_from_robot.between(map_from_robot);
         self.velocity = if is_lost || step.heading.abs() > 0.5 { Pose2::IDENTITY } else { step };
         self.map_from_robot = map_from_robot;
+        self.last_interval = self.last_stamp.map_or(Duration::ZERO, |last| scan.stamp.since(last));
         self.last_stamp = Some(scan.stamp);
         if !first && is_trusted {
             self.score_per_point += 0.1 * (matched.score_per_point - self.score_per_point);
         }
         Ok(StepReport {
-            matched: Match { map_from_robot, ..matched },
+            // Against nothing, every axis is undetermined; that says nothing about the scene.
+            matched: Match { map_from_robot, undetermined: matched.undetermined.filter(|_| !first), ..matched },
             predicted,
             points: count,
             is_key,
             is_lost,
             dropped,
         })
+    }
+
+    /// The last step again, unless the scan agrees clearly better with a step in proportion to the time that has passed.
+    ///
+    /// Scans come at a steady rate while their stamps may be wrong (logs written in bursts), or scans are missing and the stamps
+    /// are right. Only the scene can tell.
+    fn expected_step(&self, scan: &RangeScan<'_>, count: usize) -> Pose2 {
+        let points = self.points.get(..count).unwrap_or_default();
+        let elapsed = self.last_stamp.map_or(0.0, |last| scan.stamp.since(last).as_secs_f32());
+        let usual = self.last_interval.as_secs_f32();
+        if elapsed <= 0.0 || usual <= 0.0 {
+            return self.velocity;
+        }
+        let factor = (elapsed / usual).clamp(0.2, 4.0);
+        let Pose2 { x, y, heading } = self.velocity;
+        let in_proportion = Pose2::new(factor * x, factor * y, factor * heading);
+        let score = |step| self.ndt.search_score(points, self.map_from_robot * step, 0.0);
+        if score(in_proportion) > score(self.velocity) + 0.1 * count as f32 { in_proportion } else { self.velocity }
     }
 
     /// How the robot is expected to move while `scan` is taken: as from the last scan to this one.
@@ -227,7 +249,8 @@ impl<'m> LaserOdometry<'m> {
             return matched;
         }
         let wide = self.matcher.align_anywhere(&self.ndt, points, prediction, &self.config.recovery, rng);
-        if wide.score > 1.2 * matched.score { wide } else { matched }
+        let is_found = wide.score_per_point >= self.config.recovery.found_share * self.score_per_point;
+        if is_found && wide.score > 1.2 * matched.score { wide } else { matched }
     }
 
     fn is_key(&self, map_from_robot: Pose2) -> bool {

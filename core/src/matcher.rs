@@ -63,6 +63,8 @@ crate::config! {
         population: u16 = 300, in 4..=1000;
         /// And as many generations.
         generations: u16 = 60, in 1..=1000;
+        /// A place found so is believed if its score per point is at least this share of the usual one.
+        found_share: f32 = 0.6, in 0.0..=1.0;
         /// While lost the reference is left alone, for this many scans at most.
         patience_scans: u16 = 10, in 0..=10000;
     }
