@@ -231,14 +231,20 @@ impl<'m> LaserOdometry<'m> {
         if score(in_proportion) > score(self.velocity) + 0.1 * count as f32 { in_proportion } else { self.velocity }
     }
 
-    /// How the robot is expected to move while `scan` is taken: as from the last scan to this one.
+    /// How the robot is expected to move while `scan` is taken: at the speed of the last step.
+    ///
+    /// Stamps may jitter, but a step cannot have taken less time than a sweep.
     fn motion_during(&self, scan: &RangeScan<'_>, displacement: Option<Pose2>) -> Motion {
-        match self.last_stamp {
-            Some(last) if self.config.odometry.deskew => {
-                Motion { displacement: displacement.unwrap_or(self.velocity), duration: scan.stamp.since(last) }
-            }
-            _ => Motion::default(),
-        }
+        let Some(last) = self.last_stamp.filter(|_| self.config.odometry.deskew) else { return Motion::default() };
+        let sweep = match (scan.beams.first(), scan.beams.last()) {
+            (Some(first), Some(last)) => last.offset.micros.abs_diff(first.offset.micros) as i64,
+            _ => 0,
+        };
+        let (displacement, taken) = match displacement {
+            Some(displacement) => (displacement, scan.stamp.since(last)),
+            None => (self.velocity, self.last_interval),
+        };
+        Motion { displacement, duration: taken.max(Duration::from_micros(sweep)) }
     }
 
     /// Matches the current points, with a wider search if the robot is not where it was expected.

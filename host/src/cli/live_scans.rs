@@ -133,6 +133,10 @@ impl SpeedWatch {
         let dt = scan.stamp.since(stamp);
         let sweep = scan.beams.iter().map(|beam| beam.offset.micros.abs()).max().filter(|span| *span > 0);
         let period = sweep.map_or(dt, Duration::from_micros);
+        // Stamps that lie closer together than half a sweep are jitter, and say nothing about the speed.
+        if dt.micros < period.micros / 2 {
+            return false;
+        }
         let limits = SpeedLimits::new(period, self.config.error_m, self.config.error_deg.to_radians());
         let exceeds = limits.exceeded_by(from.between(map_from_lrf), dt).is_some();
         self.too_fast += u32::from(exceeds);
