@@ -27,7 +27,9 @@ pub struct PointCapacityError {
 /// The scan's hits, robot frame, in beam order; written to the front of `memory`.
 ///
 /// * `robot_from_lrf` — where the laser sits on the robot
-/// * `motion` — of the robot during the sweep: every hit is carried to where it lies at the scan's stamp
+/// * `motion` — of the robot during the sweep: every hit is carried to where it lies in the middle of the sweep. Not at its start:
+///   an error of the motion would then turn the whole scan, its match would have the opposite error, and the next motion
+///   again the opposite, without end
 ///
 /// # Errors
 /// [`PointCapacityError`] if `memory` is too short; nothing is returned then.
@@ -39,8 +41,12 @@ pub fn hits<'m>(
 ) -> Result<&'m [Point2], PointCapacityError> {
     let capacity = memory.len();
     let laser_displacement = robot_from_lrf.inverse() * motion.displacement * robot_from_lrf;
+    let middle = match (scan.beams.first(), scan.beams.last()) {
+        (Some(first), Some(last)) => Duration::from_micros(first.offset.micros.midpoint(last.offset.micros)),
+        _ => Duration::ZERO,
+    };
     let mut count = 0;
-    sweep::deskew(scan, laser_displacement, motion.duration, |_, hit_in_lrf| {
+    sweep::deskew(scan, middle, laser_displacement, motion.duration, |_, hit_in_lrf| {
         if let Some(place) = memory.get_mut(count) {
             *place = robot_from_lrf.transform(hit_in_lrf);
         }
@@ -170,13 +176,15 @@ mod tests {
 
     #[test]
     fn motion_during_the_sweep_is_taken_out() {
-        // The robot drives 1 m/s; a beam measured 0.1 s after the stamp left 0.1 m farther ahead.
-        let beams = [Beam { bearing_rad: 0.0, offset: Duration::from_millis(100), echo: Echo::Hit(2.0) }];
+        // The robot drives 1 m/s towards a wall; the two beams are 0.1 s apart, and so are the walls they see by 0.1 m.
+        let beam =
+            |millis, range| Beam { bearing_rad: 0.0, offset: Duration::from_millis(millis), echo: Echo::Hit(range) };
+        let beams = [beam(0, 2.05), beam(100, 1.95)];
         let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
         let motion = Motion { displacement: Pose2::new(0.2, 0.0, 0.0), duration: Duration::from_millis(200) };
-        let mut memory = [Point2::default(); 1];
+        let mut memory = [Point2::default(); 2];
         let points = hits(&scan, Pose2::IDENTITY, motion, &mut memory).unwrap();
-        assert!((points[0] - Point2::new(2.1, 0.0)).norm() < 1e-6);
+        assert!(points.iter().all(|p| (*p - Point2::new(2.0, 0.0)).norm() < 1e-6), "{points:?}");
     }
 
     #[test]

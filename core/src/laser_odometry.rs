@@ -39,7 +39,8 @@ crate::config! {
         key_rotation_deg: f32 = 2.0, in 0.0..=180.0;
         /// The first so many scans all go into the reference: the first one alone is thin and noisy.
         settling_scans: u16 = 10, in 1..=1000;
-        /// Corrects each beam for the robot's motion during the sweep, where the scan tells the beams' times.
+        /// Corrects each beam for the robot's motion during the sweep, where the scan tells the beams' times. The pose is then
+        /// that of the middle of the sweep.
         deskew: bool = true;
     }
 }

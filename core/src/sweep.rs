@@ -50,20 +50,26 @@ impl SpeedLimits {
     }
 }
 
-/// Where the hits of `scan` are in the laser's frame at the scan's stamp, if the laser moves by `displacement` every `dt` at a constant
+/// Where the hits of `scan` are in the laser's frame `at` the time after the scan's stamp, if the laser moves by `displacement` every `dt` at a constant
 /// velocity: calls `point` with the beam's index and its end point, for every hit.
 ///
 /// The pose at a beam's offset is `displacement` scaled: position and heading each linear in time, which within one sweep
 /// differs from the arc by less than v·ω·t²/2 (0.3 mm at 1 m/s, 1 rad/s, 25 ms). With `dt` not positive, or no motion, the points are those of
 /// the beams.
-pub fn deskew(scan: &RangeScan<'_>, displacement: Pose2, dt: Duration, mut point: impl FnMut(usize, Point2)) {
+pub fn deskew(
+    scan: &RangeScan<'_>,
+    at: Duration,
+    displacement: Pose2,
+    dt: Duration,
+    mut point: impl FnMut(usize, Point2),
+) {
     let seconds = dt.as_secs_f32();
     let scale = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
     for (index, beam) in scan.beams.iter().enumerate() {
         let Some(hit_in_lrf) = beam.hit_in_lrf() else {
             continue;
         };
-        let part = beam.offset.as_secs_f32() * scale;
+        let part = (beam.offset.as_secs_f32() - at.as_secs_f32()) * scale;
         let stamp_from_beam = Pose2::new(displacement.x * part, displacement.y * part, displacement.heading * part);
         point(index, stamp_from_beam.transform(hit_in_lrf));
     }
@@ -104,7 +110,7 @@ mod tests {
         let scan = RangeScan { stamp: Instant::default(), range_max_m: 30.0, beams: &beams };
         let worst = |displacement| {
             let mut worst = 0.0_f32;
-            deskew(&scan, displacement, dt, |_, point| worst = worst.max((point.y - 2.0).abs()));
+            deskew(&scan, Duration::ZERO, displacement, dt, |_, point| worst = worst.max((point.y - 2.0).abs()));
             worst
         };
         assert!(worst(motion) < 1e-4, "{}", worst(motion));
@@ -117,7 +123,7 @@ mod tests {
         let beams = [beam(Echo::Miss), beam(Echo::Hit(1.0)), beam(Echo::Invalid)];
         let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
         let mut indices = Vec::new();
-        deskew(&scan, Pose2::IDENTITY, Duration::ZERO, |index, _| indices.push(index));
+        deskew(&scan, Duration::ZERO, Pose2::IDENTITY, Duration::ZERO, |index, _| indices.push(index));
         assert_eq!(indices, [1]);
     }
 }

@@ -167,6 +167,33 @@ fn a_moving_window_of_scans_gives_its_tiles_back() {
     assert!(reports.iter().all(|r| r.dropped == 0));
 }
 
+/// Each beam is measured where the turning robot is at the beam's time, over the whole interval from scan to scan.
+#[test]
+fn a_sweep_on_the_move_is_straightened_and_the_correction_does_not_feed_on_itself() {
+    let world = World::room();
+    let mut rng = Pcg32::seed_from_u64(4);
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let turn = 0.08_f32;
+    let mut headings = Vec::new();
+    for scan_index in 0..80 {
+        let mut beams = world.scan(Pose2::IDENTITY, 8.0, 0.0, &mut rng);
+        for (i, beam) in beams.iter_mut().enumerate() {
+            let part = i as f32 / 181.0;
+            let map_from_robot = Pose2::new(0.0, 0.0, turn * (scan_index as f32 + part));
+            let range = world.range(map_from_robot * Pose2::new(0.0, 0.0, beam.bearing_rad)).unwrap_or(f32::INFINITY);
+            beam.echo = crate::scan::Echo::from_range(range + 0.01 * crate::math::normal(&mut rng), 8.0);
+            beam.offset = Duration::from_micros((part * 1e5) as i64);
+        }
+        let scan = RangeScan { stamp: Instant::from_micros(scan_index * 100_000), range_max_m: 8.0, beams: &beams };
+        let report = odometry.step(&scan, Pose2::IDENTITY, None, &mut rng).unwrap();
+        headings.push(report.matched.map_from_robot.heading);
+    }
+    let steps = headings[20..].windows(2).map(|w| crate::math::wrap_angle(w[1] - w[0]));
+    let worst = steps.map(|step| (step - turn).abs()).fold(0.0, f32::max);
+    assert!(worst.to_degrees() < 1.0, "a step is {} deg off", worst.to_degrees());
+}
+
 #[test]
 fn same_seed_same_bits() {
     let run = || {
