@@ -4,12 +4,14 @@
 //! green to red (end), dark enough to stand out on white.
 
 mod canvas;
+mod cloud;
 mod glyphs;
 mod scan;
 
 use std::io;
 use std::path::Path;
 
+pub use self::cloud::{CloudView, cloud_png};
 pub use self::scan::scan_png;
 
 use self::canvas::{Canvas, Rgb};
@@ -87,7 +89,7 @@ fn draw_path(canvas: &mut Canvas, path: &[(f64, f64)]) {
 }
 
 /// Colour of the path at `share` (0 to 1) of its time.
-fn colour_at(share: f64) -> Rgb {
+pub(crate) fn colour_at(share: f64) -> Rgb {
     let place = share.clamp(0.0, 1.0) * (PATH.len() - 1) as f64;
     let index = (place as usize).min(PATH.len() - 2);
     let part = place - index as f64;

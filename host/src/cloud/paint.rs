@@ -1,0 +1,66 @@
+//! A colour for every point: by its height or by its time, from blue over green to red.
+
+use clap::ValueEnum;
+use nalgebra::Point3;
+use serde::Serialize;
+
+use super::CloudPoint;
+use crate::picture::colour_at;
+
+/// What the colour of a point tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Paint {
+    /// How high it is; the lowest and highest hundredth of the points share the ends of the scale.
+    Height,
+    /// When it was measured.
+    Time,
+}
+
+/// A point as it is shown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ColouredPoint {
+    /// In the map, m.
+    pub position: Point3<f32>,
+    /// Red, green, blue.
+    pub colour: [u8; 3],
+}
+
+impl Paint {
+    /// `points` with their colours, in the same order.
+    pub fn apply(self, points: &[CloudPoint]) -> Vec<ColouredPoint> {
+        let value = |point: &CloudPoint| match self {
+            Self::Height => f64::from(point.position.z),
+            Self::Time => point.stamp.as_secs_f64(),
+        };
+        let mut sorted: Vec<f64> = points.iter().map(value).collect();
+        sorted.sort_by(f64::total_cmp);
+        let cut = if self == Self::Height { sorted.len() / 100 } else { 0 };
+        let (Some(&low), Some(&high)) = (sorted.get(cut), sorted.iter().rev().nth(cut)) else { return Vec::new() };
+        let span = (high - low).max(1e-9);
+        let coloured = |point: &CloudPoint| ColouredPoint {
+            position: point.position,
+            colour: colour_at((value(point) - low) / span),
+        };
+        points.iter().map(coloured).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lrfslam_core::time::Instant;
+
+    #[test]
+    fn low_is_blue_high_is_red_and_so_are_early_and_late() {
+        let point =
+            |z: f32, micros| CloudPoint { position: Point3::new(0.0, 0.0, z), stamp: Instant::from_micros(micros) };
+        let points = [point(2.0, 0), point(0.0, 5_000_000)];
+        let by_height = Paint::Height.apply(&points);
+        let by_time = Paint::Time.apply(&points);
+        let (red, blue) = (by_height[0].colour, by_height[1].colour);
+        assert!(red[0] > red[2] && blue[2] > blue[0]);
+        assert_eq!([by_time[0].colour, by_time[1].colour], [blue, red]);
+        assert!(Paint::Time.apply(&[]).is_empty());
+    }
+}
