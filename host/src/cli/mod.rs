@@ -3,6 +3,8 @@
 //! 0: done. 1: a fault while working; results up to it are written, and said to be partial. 2: wrong usage, or input
 //! that is wrong from the start. A reader of our output that goes away (`| head`) is no fault.
 
+mod cloud;
+mod cloud_summary;
 mod config;
 mod eval;
 mod experiment;
@@ -34,6 +36,7 @@ struct Cli {
 enum Command {
     Map(map::MapArgs),
     Eval(eval::EvalArgs),
+    Cloud(cloud::CloudArgs),
     Run(run::RunArgs),
     Replay(replay::ReplayArgs),
     Lrf(lrf::LrfArgs),
@@ -73,6 +76,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let done = match &cli.command {
         Command::Map(args) => map::run(args),
         Command::Eval(args) => eval::run(args),
+        Command::Cloud(args) => cloud::run(args),
         Command::Run(args) => run::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Lrf(args) => lrf::run(args),

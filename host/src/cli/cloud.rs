@@ -1,0 +1,249 @@
+//! `lrfslam cloud`: scans of a tilted laser to a cloud of points.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use clap::{Args, ValueEnum};
+use lrfslam_core::scan::RangeScan;
+use lrfslam_core::time::Duration;
+use nalgebra::{Isometry3, Translation3};
+use serde::Serialize;
+
+use super::cloud_summary::{log_summary, stops_summary};
+use super::{Failure, print};
+use crate::cloud::{
+    Cloud, CloudCounts, CloudPoint, EdgeFilter, Paint, PlaneConfig, Projection, RegisterConfig, StopReport,
+    TiltMounting, Track, judge_stops, planar, read_stops, read_tilt, thin, write_pcd, write_ply,
+};
+use crate::config::RunConfig;
+use crate::log::{LogReader, LogScan};
+use crate::output::{PendingFile, write_file};
+use crate::picture::{CloudView, cloud_png};
+use crate::pose_f64::PoseF64;
+use crate::trajectory::read_trajectory;
+
+/// Make a 3D map from the scans of a tilted laser.
+///
+/// INPUT is a log with --trajectory (the robot's path, as `lrfslam map` writes it) and --tilt (the tilt's encoder), or a folder
+/// in 3DTK's format (scanNNN.3d, scanNNN.pose): stops of a robot, which are then matched with each other, and judged. Written
+/// are cloud.ply and cloud.pcd (binary, coloured), cloud.png (for people) and cloud.json.
+#[derive(Debug, Args)]
+pub(super) struct CloudArgs {
+    /// A log, or a folder in 3DTK's format.
+    input: PathBuf,
+    /// Folder for the results; made if it is not there.
+    #[arg(long, value_name = "DIR", default_value = "cloud")]
+    out: PathBuf,
+    #[command(flatten)]
+    log: LogArgs,
+    /// With a folder: where its stops were.
+    #[arg(long, value_enum, default_value_t = Poses::Matched)]
+    poses: Poses,
+    /// One point is kept for each cube of this side, m; 0 keeps all.
+    #[arg(long, value_name = "METRES", default_value_t = 0.02, value_parser = metres)]
+    voxel: f64,
+    /// Keep the points in free air that a laser reports at edges.
+    #[arg(long)]
+    keep_edges: bool,
+    #[command(flatten)]
+    look: LookArgs,
+    /// Start of the random numbers.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Print JSON instead of tables.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What a log needs besides itself.
+#[derive(Debug, Args)]
+struct LogArgs {
+    /// With a log: the robot's path, TUM or lines `t x y theta`.
+    #[arg(long, value_name = "FILE")]
+    trajectory: Option<PathBuf>,
+    /// With a log: readings of the tilt's encoder, lines `t tilt` (s, rad; up is positive), at any rate.
+    #[arg(long, value_name = "FILE")]
+    tilt: Option<PathBuf>,
+    /// The tilt axis above the floor, m.
+    #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = metres)]
+    height: f64,
+    /// The laser's mirror ahead of the tilt axis, when it looks ahead, m.
+    #[arg(long, value_name = "METRES", default_value_t = 0.0, allow_hyphen_values = true, value_parser = metres)]
+    mirror_ahead: f64,
+    /// And above it, m.
+    #[arg(long, value_name = "METRES", default_value_t = 0.0, allow_hyphen_values = true, value_parser = metres)]
+    mirror_above: f64,
+    /// Nothing is placed between poses or readings farther apart than this, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 1.0, value_parser = metres)]
+    gap: f64,
+    /// Configuration for reading the log, and for the laser's place on the robot.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Change one value of the configuration; may be given more than once.
+    #[arg(long, value_name = "SECTION.KEY=VALUE")]
+    set: Vec<String>,
+}
+
+/// How the cloud looks.
+#[derive(Debug, Clone, Copy, Args)]
+struct LookArgs {
+    /// What colours tell.
+    #[arg(long, value_enum, default_value_t = Paint::Height)]
+    colour: Paint,
+    /// In the picture, points higher than this are left out: a ceiling hides what is below, m.
+    #[arg(long, value_name = "METRES", default_value_t = 1000.0, allow_hyphen_values = true, value_parser = metres)]
+    cut_above: f64,
+    /// The picture is seen from this direction, counter-clockwise from ahead, degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 200.0, allow_hyphen_values = true, value_parser = metres)]
+    azimuth: f64,
+    /// From this high: 0 from the side, 90 from above, degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 35.0, allow_hyphen_values = true, value_parser = metres)]
+    elevation: f64,
+    /// Longer side of the picture, pixels.
+    #[arg(long, value_name = "PIXELS", default_value_t = 1200, value_parser = clap::value_parser!(u32).range(200..=8000))]
+    side: u32,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum Poses {
+    /// As our own matching finds them.
+    Matched,
+    /// As the data's .pose files have them.
+    Given,
+}
+
+fn metres(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n: &f64| n.abs() <= 1000.0);
+    number.ok_or_else(|| "expected a number from -1000 to 1000".to_owned())
+}
+
+/// What `cloud.json` says.
+#[derive(Debug, Serialize)]
+pub(super) struct CloudReport {
+    program: &'static str,
+    version: &'static str,
+    input: String,
+    seed: u64,
+    voxel_m: f64,
+    pub(super) counts: CloudCounts,
+    pub(super) points: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    poses: Option<Poses>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) stops: Vec<StopReport>,
+}
+
+pub(super) fn run(args: &CloudArgs) -> Result<(), Failure> {
+    let (cloud, stops) = if args.input.is_dir() { from_stops(args)? } else { (from_log(args)?, Vec::new()) };
+    let points = thin(&cloud.points, args.voxel as f32);
+    let report = CloudReport {
+        program: env!("CARGO_PKG_NAME"),
+        version: env!("CARGO_PKG_VERSION"),
+        input: args.input.display().to_string(),
+        seed: args.seed,
+        voxel_m: args.voxel,
+        counts: cloud.counts,
+        points: points.len(),
+        poses: args.input.is_dir().then_some(args.poses),
+        stops,
+    };
+    let text = serde_json::to_string_pretty(&report).map_err(Failure::work)? + "\n";
+    write_results(args, &points, &text).map_err(Failure::Work)?;
+    if args.json {
+        return print(&text);
+    }
+    let summary = if report.stops.is_empty() { log_summary(&report) } else { stops_summary(&report) };
+    print(&format!("{summary}results in {}\n", args.out.display()))
+}
+
+fn edges(args: &CloudArgs) -> Option<EdgeFilter> {
+    (!args.keep_edges).then(EdgeFilter::default)
+}
+
+/// The stops of a folder, matched and judged, and their clouds together.
+fn from_stops(args: &CloudArgs) -> Result<(Cloud, Vec<StopReport>), Failure> {
+    if let Some(flag) =
+        args.log.trajectory.as_ref().map(|_| "--trajectory").or(args.log.tilt.as_ref().map(|_| "--tilt"))
+    {
+        return Err(Failure::start(anyhow::anyhow!("{flag} goes with a log; {} is a folder", args.input.display())));
+    }
+    let stops = read_stops(&args.input).map_err(Failure::start)?;
+    let planes = PlaneConfig { seed: args.seed, ..PlaneConfig::default() };
+    let matching = RegisterConfig { seed: args.seed, ..RegisterConfig::default() };
+    let judged = judge_stops(&stops, &planes, &matching, edges(args)).map_err(Failure::work)?;
+    let mut cloud = Cloud::default();
+    let poses = if args.poses == Poses::Given { &judged.given } else { &judged.map_from_lrf };
+    for (stop, map_from_lrf) in stops.iter().zip(poses) {
+        cloud.append(stop.cloud(*map_from_lrf, edges(args)));
+    }
+    Ok((cloud, judged.stops))
+}
+
+/// Every scan of a log, carried along the path.
+fn from_log(args: &CloudArgs) -> Result<Cloud, Failure> {
+    let (Some(trajectory), Some(tilt)) = (&args.log.trajectory, &args.log.tilt) else {
+        let input = args.input.display();
+        return Err(Failure::start(anyhow::anyhow!("{input}: a log needs --trajectory and --tilt")));
+    };
+    let config = RunConfig::load(args.log.config.as_deref(), &args.log.set).map_err(Failure::start)?;
+    let log = LogReader::open(&args.input, config.log_options()).map_err(Failure::start)?;
+    let poses = read_trajectory(trajectory).map_err(Failure::start)?;
+    let readings = read_tilt(tilt).map_err(Failure::start)?;
+    let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
+    // A path made by `lrfslam map` has the pose of the middle of each sweep under the scan's time.
+    let middle = scans.first().map_or(Duration::ZERO, |scan| middle_of_sweep(&scan.scan()));
+    let path = poses.iter().map(|pose| (pose.stamp + middle, planar(PoseF64::from(pose.map_from_robot))));
+    let gap = Duration::from_micros((args.log.gap * 1e6) as i64);
+    let (path, tilt) = (Track::new(path, gap), Track::new(readings, gap));
+    let mut cloud = Cloud::default();
+    let mounting = |scan: &LogScan| {
+        let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
+        mounting(&args.log, PoseF64::from(robot_from_lrf))
+    };
+    let Some(mounting) = scans.first().map(mounting) else { return Ok(cloud) };
+    let projection = Projection { mounting, path, tilt, edges: edges(args) };
+    scans.iter().for_each(|scan| projection.add(&scan.scan(), &mut cloud));
+    Ok(cloud)
+}
+
+fn middle_of_sweep(scan: &RangeScan<'_>) -> Duration {
+    match (scan.beams.first(), scan.beams.last()) {
+        (Some(first), Some(last)) => Duration::from_micros(first.offset.micros.midpoint(last.offset.micros)),
+        _ => Duration::ZERO,
+    }
+}
+
+fn mounting(args: &LogArgs, robot_from_lrf: PoseF64) -> TiltMounting {
+    let lift = Translation3::new(0.0, 0.0, args.height);
+    TiltMounting {
+        robot_from_axis: lift * planar(robot_from_lrf),
+        axis_from_lrf: Isometry3::translation(args.mirror_ahead, 0.0, args.mirror_above),
+    }
+}
+
+fn write_results(args: &CloudArgs, points: &[CloudPoint], report: &str) -> anyhow::Result<()> {
+    fs::create_dir_all(&args.out).with_context(|| format!("{}: cannot be made", args.out.display()))?;
+    let (look, named) = (args.look, |name: &str| args.out.join(name));
+    let coloured = look.colour.apply(points);
+    write_points(&named("cloud.ply"), |out| write_ply(&coloured, out))?;
+    write_points(&named("cloud.pcd"), |out| write_pcd(&coloured, out))?;
+    let low = |point: &&CloudPoint| f64::from(point.position.z) <= look.cut_above;
+    let shown: Vec<CloudPoint> = points.iter().filter(low).copied().collect();
+    let view = CloudView { azimuth_deg: look.azimuth, elevation_deg: look.elevation, side: look.side as usize };
+    let picture = cloud_png(&look.colour.apply(&shown), &view).context("cloud.png cannot be drawn")?;
+    for (name, bytes) in [("cloud.png", picture.as_slice()), ("cloud.json", report.as_bytes())] {
+        write_file(&named(name), bytes).with_context(|| format!("{}: cannot be written", named(name).display()))?;
+    }
+    Ok(())
+}
+
+fn write_points(path: &Path, write: impl Fn(&mut PendingFile) -> std::io::Result<()>) -> anyhow::Result<()> {
+    let file = || -> std::io::Result<()> {
+        let mut file = PendingFile::create(path)?;
+        write(&mut file)?;
+        file.finish()
+    };
+    file().with_context(|| format!("{}: cannot be written", path.display()))
+}
