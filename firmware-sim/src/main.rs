@@ -10,7 +10,7 @@ use lrfslam_core::lrf::sick_lms::Variant;
 use lrfslam_core::time::Instant;
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::pty;
-use lrfslam_firmware_sim::scene::FlatWorld;
+use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
@@ -25,9 +25,9 @@ struct Arguments {
     /// Name under which the port appears (a symbolic link)
     #[arg(long)]
     link: PathBuf,
-    /// World file with walls and a moving robot; a room if not given
-    #[arg(long)]
-    world: Option<PathBuf>,
+    /// Where it is: room, floor, office, corridor, loop, a world file, or the YAML of a ROS map
+    #[arg(long, default_value = "room", value_name = "NAME|FILE")]
+    world: String,
     /// Baud rate that the sensor has at first, instead of its power-up rate
     #[arg(long)]
     baud: Option<u32>,
@@ -86,14 +86,7 @@ fn main() -> Result<()> {
 }
 
 fn build(arguments: &Arguments) -> Result<Box<dyn VirtualLrf>> {
-    let world = match &arguments.world {
-        None => FlatWorld::room(),
-        Some(path) => {
-            let text = std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
-            FlatWorld::from_toml(&text).with_context(|| format!("in {}", path.display()))?
-        }
-    };
-    let scene = Box::new(world);
+    let scene = Box::new(Scenario::load(&arguments.world)?.scene());
     Ok(match arguments.model {
         Model::Lms200 | Model::Lms291 => {
             let model = if arguments.model == Model::Lms200 { SickModel::lms200() } else { SickModel::lms291() };

@@ -1,7 +1,13 @@
-//! What a virtual laser sees: the seam behind which any world may stand, and a small flat one with a moving robot.
+//! What a virtual laser sees: the seam behind which any world may stand, and a robot in a building with people.
+
+use std::sync::Arc;
 
 use lrfslam_core::time::Instant;
-use serde::Deserialize;
+
+use crate::drive::Drive;
+use crate::people::Person;
+use crate::raycast::RayCaster;
+use crate::world::{Ray, Vector};
 
 /// A world with a laser in it, at any time.
 pub trait Scene: Send {
@@ -11,129 +17,98 @@ pub trait Scene: Send {
     fn range_m(&self, at: Instant, bearing_rad: f64) -> Option<f64>;
 }
 
-/// Walls as polygons, and a robot that moves on a circle (or straight, or not at all).
+/// How far rays go, m.
+const FARTHEST_M: f64 = 1000.0;
+
+/// A robot that drives about in a building, with a laser on it that may tilt.
 ///
 /// ```
-/// let world = lrfslam_firmware_sim::scene::FlatWorld::from_toml(
-///     "[[polygon]]\npoints = [[-1, -1], [1, -1], [1, 1], [-1, 1]]\n[robot]\nstart_deg = 90",
-/// )?;
-/// # use lrfslam_firmware_sim::scene::Scene;
-/// let ahead = world.range_m(lrfslam_core::time::Instant::default(), 0.0).unwrap();
+/// use lrfslam_firmware_sim::{scenario::Scenario, scene::Scene};
+/// let square = "[[polygon]]\npoints = [[-1, -1], [1, -1], [1, 1], [-1, 1]]\n[robot]\nstart_deg = 90";
+/// let scene = Scenario::parse(square, "square", std::path::Path::new(""))?.scene();
+/// let ahead = scene.range_m(lrfslam_core::time::Instant::default(), 0.0).unwrap();
 /// assert!((ahead - 1.0).abs() < 1e-9);
-/// # Ok::<(), toml::de::Error>(())
+/// # Ok::<(), lrfslam_firmware_sim::scenario::ScenarioError>(())
 /// ```
-#[derive(Debug, Clone, Default, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct FlatWorld {
-    /// Closed outlines.
-    polygon: Vec<Polygon>,
-    robot: Robot,
+#[derive(Debug, Clone)]
+pub struct RobotScene {
+    caster: Arc<RayCaster>,
+    people: Vec<Person>,
+    drive: Drive,
+    laser_m: [f64; 3],
 }
 
-#[derive(Debug, Clone, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Polygon {
-    /// Corners, m.
-    points: Vec<[f64; 2]>,
-}
+impl RobotScene {
+    /// * `laser_m` — where the laser is on the robot: x ahead, y left, z up from the floor, m
+    pub fn new(caster: Arc<RayCaster>, people: Vec<Person>, drive: Drive, laser_m: [f64; 3]) -> Self {
+        Self { caster, people, drive, laser_m }
+    }
 
-/// A laser that starts at a pose and keeps its speed and turn rate.
-#[derive(Debug, Clone, Copy, Default, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Robot {
-    /// Start, m.
-    pub start_m: [f64; 2],
-    /// Start heading, degrees.
-    pub start_deg: f64,
-    /// Forward speed, m/s.
-    pub speed_mps: f64,
-    /// Turn rate, degrees per second, counter-clockwise.
-    pub turn_degps: f64,
-}
+    /// The same building with another robot.
+    pub fn with_drive(&self, drive: Drive) -> Self {
+        Self { drive, ..self.clone() }
+    }
 
-impl FlatWorld {
-    /// Reads a world file.
+    /// The robot's way.
+    pub fn drive(&self) -> &Drive {
+        &self.drive
+    }
+
+    /// The ray of a beam.
     ///
-    /// # Errors
-    /// If it is no such TOML; the message names line and key.
-    pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
-        toml::from_str(text)
-    }
-
-    /// A room of 6 m by 4 m with a pillar and a recess, the robot turning slowly within.
-    pub fn room() -> Self {
-        let outline = vec![[-3.0, -2.0], [3.0, -2.0], [3.0, 1.0], [3.8, 1.0], [3.8, 2.0], [-3.0, 2.0]];
-        let pillar = vec![[1.2, 0.4], [1.6, 0.4], [1.6, 0.8], [1.2, 0.8]];
-        Self {
-            polygon: vec![Polygon { points: outline }, Polygon { points: pillar }],
-            robot: Robot { start_m: [-1.0, -0.8], start_deg: 0.0, speed_mps: 0.2, turn_degps: 12.0 },
-        }
-    }
-
-    /// The same world with another robot.
-    pub fn with_robot(self, robot: Robot) -> Self {
-        Self { robot, ..self }
-    }
-
-    fn walls(&self) -> impl Iterator<Item = ([f64; 2], [f64; 2])> + '_ {
-        self.polygon.iter().flat_map(|polygon| {
-            let next = polygon.points.iter().cycle().skip(1);
-            polygon.points.iter().copied().zip(next.copied())
-        })
+    /// The tilt turns the beam about the laser's own lateral axis, upwards. Source: thesis, §4.3.2.
+    pub fn ray(&self, at: Instant, bearing_rad: f64) -> Ray {
+        let pose = self.drive.pose(at);
+        let (sin, cos) = pose.heading.sin_cos();
+        let level = |v: Vector| Vector::new(cos * v.x - sin * v.y, sin * v.x + cos * v.y, v.z);
+        let (beam_sin, beam_cos) = bearing_rad.sin_cos();
+        let (tilt_sin, tilt_cos) = self.drive.tilt().tilt_rad(at).sin_cos();
+        let from = Vector::new(pose.x, pose.y, 0.0) + level(Vector::from(self.laser_m));
+        Ray { from, direction: level(Vector::new(beam_cos * tilt_cos, beam_sin, beam_cos * tilt_sin)) }
     }
 }
 
-impl Robot {
-    /// x, y (m) and heading (rad) at a time: an arc.
-    pub fn pose(&self, at: Instant) -> [f64; 3] {
-        let time = at.as_secs_f64();
-        let (start, rate) = (self.start_deg.to_radians(), self.turn_degps.to_radians());
-        let heading = start + rate * time;
-        let (dx, dy) = if rate.abs() < 1e-9 {
-            (self.speed_mps * time * start.cos(), self.speed_mps * time * start.sin())
-        } else {
-            let radius = self.speed_mps / rate;
-            (radius * (heading.sin() - start.sin()), radius * (start.cos() - heading.cos()))
-        };
-        [self.start_m[0] + dx, self.start_m[1] + dy, heading]
-    }
-}
-
-impl Scene for FlatWorld {
+impl Scene for RobotScene {
     fn range_m(&self, at: Instant, bearing_rad: f64) -> Option<f64> {
-        let [x, y, heading] = self.robot.pose(at);
-        let (sin, cos) = (heading + bearing_rad).sin_cos();
-        let distance = |(a, b): ([f64; 2], [f64; 2])| {
-            let (ex, ey) = (b[0] - a[0], b[1] - a[1]);
-            let (ax, ay) = (a[0] - x, a[1] - y);
-            let across = cos * ey - sin * ex;
-            let (along_ray, along_wall) = ((ax * ey - ay * ex) / across, (ax * sin - ay * cos) / across);
-            (across != 0.0 && along_ray > 0.0 && (0.0..=1.0).contains(&along_wall)).then_some(along_ray)
-        };
-        self.walls().filter_map(distance).min_by(f64::total_cmp)
+        let ray = self.ray(at, bearing_rad);
+        let people = self.people.iter().filter_map(|person| person.range_m(at, &ray));
+        people.chain(self.caster.range_m(&ray, FARTHEST_M)).min_by(f64::total_cmp)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scenario::Scenario;
+    use std::path::Path;
 
-    #[test]
-    fn rays_meet_the_nearest_wall() {
-        let still = Robot { start_m: [0.0, 0.6], ..Robot::default() };
-        let room = FlatWorld::room().with_robot(still);
-        let range = |bearing: f64| room.range_m(Instant::default(), bearing).unwrap();
-        assert!((range(0.0) - 1.2).abs() < 1e-9, "pillar ahead: {}", range(0.0));
-        assert!((range(std::f64::consts::FRAC_PI_2) - 1.4).abs() < 1e-9);
-        assert!((range(std::f64::consts::PI) - 3.0).abs() < 1e-9);
-        assert_eq!(FlatWorld::default().range_m(Instant::default(), 0.0), None);
+    fn scene(robot: &str) -> RobotScene {
+        let text = format!("height_m = 2.5\n[[room]]\nfrom = [-3, -2]\nto = [3, 2]\n{robot}");
+        Scenario::parse(&text, "test", Path::new("")).unwrap().scene()
     }
 
     #[test]
-    fn robot_drives_a_circle() {
-        let robot = Robot { speed_mps: 1.0, turn_degps: 90.0, ..Robot::default() };
-        let [x, y, heading] = robot.pose(Instant::from_micros(2_000_000));
-        let diameter = 4.0 / std::f64::consts::PI;
-        assert!(x.abs() < 1e-9 && (y - diameter).abs() < 1e-9 && (heading - std::f64::consts::PI).abs() < 1e-9);
+    fn rays_leave_from_where_the_laser_is_on_the_robot() {
+        let scene = scene("[robot]\nstart_m = [1, 0]\nstart_deg = 90\nlaser_m = [0.25, 0.5, 0.4]\n");
+        let range = |bearing: f64| scene.range_m(Instant::default(), bearing).unwrap();
+        assert!((range(0.0) - 1.75).abs() < 1e-9, "ahead: the north wall");
+        assert!((range(std::f64::consts::FRAC_PI_2) - 3.5).abs() < 1e-9, "left: the west wall");
+    }
+
+    #[test]
+    fn tilted_rays_look_up_to_the_ceiling() {
+        let sweep = "{ to_deg = 80, rate_degps = 10 }";
+        let scene = scene(&format!(
+            "[robot]\nroute = [[0, 0], [1, 0]]\nspeed_mps = 1\nturn_degps = 90\nlaser_m = [0, 0, 0.5]\nstop = [{{ corner = 0, sweep = {sweep} }}]\n"
+        ));
+        let range = |at_s: f64, bearing: f64| scene.range_m(Instant::from_secs_f64(at_s), bearing).unwrap();
+        assert!((range(6.005, 0.0) - 2.0 / 60_f64.to_radians().sin()).abs() < 1e-2, "{}", range(6.005, 0.0));
+        assert!((range(6.005, std::f64::consts::FRAC_PI_2) - 2.0).abs() < 1e-9, "along its axis nothing changes");
+    }
+
+    #[test]
+    fn people_stand_in_the_way() {
+        let scene = scene("[[person]]\nway = [[1.5, 0], [2.5, 0]]\nspeed_mps = 0\n");
+        assert!((scene.range_m(Instant::default(), 0.0).unwrap() - 1.35).abs() < 1e-9);
     }
 }

@@ -13,7 +13,7 @@ use lrfslam_core::lrf::sick_lms::telegram::{Direction, MAX_TELEGRAM};
 use lrfslam_core::lrf::sick_lms::{self, DecoderEvent, OperatingMode, ReplyBody, TelegramDecoder, Variant};
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_firmware_sim::scene::FlatWorld;
+use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
@@ -43,7 +43,8 @@ fn stream(device: &mut dyn VirtualLrf) -> Vec<u8> {
 fn hokuyo_scip(bencher: Bencher<'_, '_>) {
     let model = HokuyoModel::utm_30lx();
     let sensor = model.parameters.clone();
-    let mut device = VirtualHokuyo::new(model, Box::new(FlatWorld::room()), 1);
+    let mut device =
+        VirtualHokuyo::new(model, Box::new(Scenario::load("room").expect("comes with the program").scene()), 1);
     device.receive(Instant::default(), b"MD0000108001000\n");
     let bytes = stream(&mut device);
     let Ok(Command::Stream { acquire, .. }) = Command::parse(b"MD0000108001000") else { return };
@@ -66,7 +67,11 @@ fn hokuyo_scip(bencher: Bencher<'_, '_>) {
 /// LMS200, 361 values.
 #[divan::bench]
 fn sick_lms(bencher: Bencher<'_, '_>) {
-    let mut device = VirtualSick::new(SickModel::lms200(), Box::new(FlatWorld::room()), 1);
+    let mut device = VirtualSick::new(
+        SickModel::lms200(),
+        Box::new(Scenario::load("room").expect("comes with the program").scene()),
+        1,
+    );
     device.set_baud(500_000);
     device.set_mode(OperatingMode::StreamAll);
     let bytes = stream(&mut device);

@@ -12,7 +12,7 @@ use std::time::Instant as WallInstant;
 use lrfslam_core::time::Instant;
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::pty::{LineReport, serve};
-use lrfslam_firmware_sim::scene::FlatWorld;
+use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
 use lrfslam_firmware_sim::virtual_lrf::{Emission, VirtualLrf};
@@ -130,19 +130,27 @@ fn judge(scan: &Vec<Seen>, sent: &Mutex<VecDeque<Vec<Seen>>>, outcome: &mut Outc
 
 fn sick(model: SickModel, baud: u32, variant: (u16, u16), seconds: f64) -> Setup<VirtualSick> {
     let options = LrfOptions { baud, variant: Some(variant), ..LrfOptions::new(LrfFamily::SickLms2xx) };
-    let device = VirtualSick::new(model, Box::new(FlatWorld::room()), 3);
+    let device = VirtualSick::new(model, Box::new(Scenario::load("room").expect("comes with the program").scene()), 3);
     Setup { device, oracle: oracle::sick, options, plan: FaultPlan::default(), seconds }
 }
 
 fn urg(baud: u32, seconds: f64) -> Setup<VirtualHokuyo> {
     let options = LrfOptions { baud, ..LrfOptions::new(LrfFamily::Hokuyo) };
-    let device = VirtualHokuyo::new(HokuyoModel::urg_04lx(), Box::new(FlatWorld::room()), 3);
+    let device = VirtualHokuyo::new(
+        HokuyoModel::urg_04lx(),
+        Box::new(Scenario::load("room").expect("comes with the program").scene()),
+        3,
+    );
     let oracle = |write: &[u8]| oracle::hokuyo(write, false);
     Setup { device, oracle, options, plan: FaultPlan::default(), seconds }
 }
 
 fn utm(seconds: f64) -> Setup<VirtualHokuyo> {
-    let device = VirtualHokuyo::new(HokuyoModel::utm_30lx(), Box::new(FlatWorld::room()), 3);
+    let device = VirtualHokuyo::new(
+        HokuyoModel::utm_30lx(),
+        Box::new(Scenario::load("room").expect("comes with the program").scene()),
+        3,
+    );
     Setup { device, oracle: |write| oracle::hokuyo(write, true), ..urg(0, seconds) }
 }
 

@@ -8,7 +8,7 @@ use lrfslam_core::lrf::sick_lms::{self, OperatingMode, SickConfig, SickDriver, V
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::fault::FaultPlan;
-use lrfslam_firmware_sim::scene::FlatWorld;
+use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
@@ -49,11 +49,11 @@ enum Model {
 const MODELS: [Model; 4] = [Model::Lms200, Model::Lms291, Model::Urg, Model::Utm];
 
 fn sick(model: SickModel) -> VirtualSick {
-    VirtualSick::new(model, Box::new(FlatWorld::room()), 11)
+    VirtualSick::new(model, Box::new(Scenario::load("room").expect("comes with the program").scene()), 11)
 }
 
 fn hokuyo(model: HokuyoModel) -> VirtualHokuyo {
-    VirtualHokuyo::new(model, Box::new(FlatWorld::room()), 11)
+    VirtualHokuyo::new(model, Box::new(Scenario::load("room").expect("comes with the program").scene()), 11)
 }
 
 /// A rig with the model at its power-up rate, and the fastest rate that it is used with.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::scene::FlatWorld;
+use crate::scenario::Scenario;
 
 /// What `device` says to `text` within `ms`, `|` for line feeds.
 fn ask(device: &mut VirtualHokuyo, now: &mut Instant, text: &str, ms: i64) -> String {
@@ -20,7 +20,7 @@ fn ask(device: &mut VirtualHokuyo, now: &mut Instant, text: &str, ms: i64) -> St
 }
 
 fn sensor(model: HokuyoModel) -> (VirtualHokuyo, Instant) {
-    (VirtualHokuyo::new(model, Box::new(FlatWorld::room()), 1), Instant::from_micros(1_000_000))
+    (VirtualHokuyo::new(model, Box::new(Scenario::load("room").unwrap().scene()), 1), Instant::from_micros(1_000_000))
 }
 
 fn urg_in_scip2() -> (VirtualHokuyo, Instant) {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::scene::FlatWorld;
+use crate::scenario::Scenario;
 use lrfslam_core::lrf::sick_lms::{DecoderEvent, Measurement, TelegramDecoder};
 
 /// What an LMS200 in a room says to `bytes`, within `ms`: ACK and NAK as themselves, payloads without their frame.
@@ -35,7 +35,10 @@ fn hex(text: &str) -> Vec<u8> {
 }
 
 fn lms200() -> (VirtualSick, Instant) {
-    (VirtualSick::new(SickModel::lms200(), Box::new(FlatWorld::room()), 1), Instant::from_micros(1_000_000))
+    (
+        VirtualSick::new(SickModel::lms200(), Box::new(Scenario::load("room").unwrap().scene()), 1),
+        Instant::from_micros(1_000_000),
+    )
 }
 
 #[test]

@@ -1,0 +1,293 @@
+//! World files: a building, a robot in it and people, in TOML; and those that come with the program.
+//!
+//! A file is made of parts, each a table of its own (`[[wall]]`, `[[room]]`, …); docs/simulation.md describes them all. A fault is told with
+//! file, line and key.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::Deserialize;
+use toml::Spanned;
+
+use crate::drive::{Drive, RobotPlan};
+use crate::people::{Person, PersonPlan};
+use crate::raycast::RayCaster;
+use crate::scene::RobotScene;
+use crate::world::World;
+use crate::world::building::{Block, CurvedWall, Panel, Part, PartFault, Polygon, Slab, check};
+use crate::world::office::Office;
+use crate::world::ros_map::{RosMapError, add_map};
+use crate::world::wall::{Corridor, Room, Wall};
+
+/// The worlds that come with the program: name, what it is, and its file.
+pub const LIBRARY: [(&str, &str, &str); 5] = [
+    ("room", "a room of 6 m by 4 m, the robot turning slowly within", include_str!("../worlds/room.toml")),
+    ("floor", "a small floor of rooms and a corridor: the example log", include_str!("../worlds/floor.toml")),
+    ("office", "an office floor of 36 m by 24 m whose corridors close loops", include_str!("../worlds/office.toml")),
+    ("corridor", "a corridor of 60 m", include_str!("../worlds/corridor.toml")),
+    ("loop", "a loop of 60 m by 40 m, as in figure 3.11 of the thesis", include_str!("../worlds/loop.toml")),
+];
+
+/// Why a world cannot be had.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ScenarioError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}; worlds that come with the program: {}", file.display(), names())]
+    Read {
+        /// Which file.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not TOML, or a key or value that no world has.
+    #[error("{file}:{line}: {message}, in `{text}`")]
+    Toml {
+        /// Which file.
+        file: String,
+        /// Counted from 1.
+        line: usize,
+        /// What is wrong.
+        message: String,
+        /// The line.
+        text: String,
+    },
+    /// A part whose values make no such part.
+    #[error("{file}:{line}: {part}: {fault}")]
+    Part {
+        /// Which file.
+        file: String,
+        /// Where the part begins, counted from 1.
+        line: usize,
+        /// Its name.
+        part: &'static str,
+        /// What is wrong.
+        fault: PartFault,
+    },
+    /// A map that cannot be read.
+    #[error(transparent)]
+    Map(#[from] RosMapError),
+}
+
+fn names() -> String {
+    LIBRARY.map(|(name, _, _)| name).join(", ")
+}
+
+/// A building, a robot and people, ready to be looked at.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    /// The building.
+    pub world: World,
+    /// The robot's plan.
+    pub robot: RobotPlan,
+    /// Who walks about.
+    pub people: Vec<Person>,
+    drive: Drive,
+}
+
+/// A world file as it stands.
+#[derive(Debug, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct WorldFile {
+    height_m: Spanned<f64>,
+    rectangle: Vec<Spanned<Panel>>,
+    polygon: Vec<Spanned<Polygon>>,
+    wall: Vec<Spanned<Wall>>,
+    curved_wall: Vec<Spanned<CurvedWall>>,
+    block: Vec<Spanned<Block>>,
+    slab: Vec<Spanned<Slab>>,
+    room: Vec<Spanned<Room>>,
+    corridor: Vec<Spanned<Corridor>>,
+    office: Vec<Spanned<Office>>,
+    map: Vec<MapPart>,
+    robot: Spanned<RobotPlan>,
+    person: Vec<Spanned<PersonPlan>>,
+}
+
+/// A ROS map in a world file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MapPart {
+    /// Its YAML file, beside the world file.
+    yaml: PathBuf,
+}
+
+impl Default for WorldFile {
+    fn default() -> Self {
+        let none = 0..0;
+        Self {
+            height_m: Spanned::new(none.clone(), DEFAULT_HEIGHT_M),
+            rectangle: Vec::new(),
+            polygon: Vec::new(),
+            wall: Vec::new(),
+            curved_wall: Vec::new(),
+            block: Vec::new(),
+            slab: Vec::new(),
+            room: Vec::new(),
+            corridor: Vec::new(),
+            office: Vec::new(),
+            map: Vec::new(),
+            robot: Spanned::new(none, RobotPlan::default()),
+            person: Vec::new(),
+        }
+    }
+}
+
+/// How high walls are if nothing is said, m.
+const DEFAULT_HEIGHT_M: f64 = 2.7;
+
+impl Scenario {
+    /// The world called `name`: one that comes with the program, else a file: TOML, or the YAML of a ROS map.
+    ///
+    /// # Errors
+    /// See [`ScenarioError`].
+    pub fn load(name: &str) -> Result<Self, ScenarioError> {
+        if let Some((name, _, text)) = LIBRARY.iter().find(|(known, _, _)| *known == name) {
+            return Self::parse(text, name, Path::new(""));
+        }
+        let path = Path::new(name);
+        if path.extension().is_some_and(|extension| extension == "yaml" || extension == "yml") {
+            return Self::from_map(path);
+        }
+        let text = std::fs::read_to_string(path).map_err(|source| ScenarioError::Read { file: path.into(), source })?;
+        Self::parse(&text, name, path.parent().unwrap_or(Path::new("")))
+    }
+
+    /// A world from the text of a file.
+    ///
+    /// * `file` — what it is called in messages; `folder` — where the maps are that it names
+    ///
+    /// # Errors
+    /// See [`ScenarioError`].
+    pub fn parse(text: &str, file: &str, folder: &Path) -> Result<Self, ScenarioError> {
+        let content: WorldFile = toml::from_str(text).map_err(|error| in_toml(text, file, &error))?;
+        let source = Source { text, file };
+        let mut world = World::default();
+        let height_m = *content.height_m.as_ref();
+        let high = check(height_m > 0.0 && height_m.is_finite(), "height_m", "a positive height");
+        high.map_err(|fault| source.fault("world", content.height_m.span().start, fault))?;
+        source.build("rectangle", &content.rectangle, &mut world, height_m)?;
+        source.build("polygon", &content.polygon, &mut world, height_m)?;
+        source.build("wall", &content.wall, &mut world, height_m)?;
+        source.build("curved_wall", &content.curved_wall, &mut world, height_m)?;
+        source.build("block", &content.block, &mut world, height_m)?;
+        source.build("slab", &content.slab, &mut world, height_m)?;
+        source.build("room", &content.room, &mut world, height_m)?;
+        source.build("corridor", &content.corridor, &mut world, height_m)?;
+        source.build("office", &content.office, &mut world, height_m)?;
+        content.map.iter().try_for_each(|map| add_map(&mut world, &folder.join(&map.yaml), height_m))?;
+        let person = |plan: &Spanned<PersonPlan>| {
+            Person::new(plan.as_ref()).map_err(|fault| source.fault("person", plan.span().start, fault))
+        };
+        let people = content.person.iter().map(person).collect::<Result<_, _>>()?;
+        let at = content.robot.span().start;
+        let robot = content.robot.into_inner();
+        let drive = Drive::new(&robot).map_err(|fault| source.fault("robot", at, fault))?;
+        Ok(Self { world, robot, people, drive })
+    }
+
+    /// A ROS map with a robot at its origin.
+    fn from_map(yaml: &Path) -> Result<Self, ScenarioError> {
+        let mut world = World::default();
+        add_map(&mut world, yaml, DEFAULT_HEIGHT_M)?;
+        Ok(Self { world, robot: RobotPlan::default(), people: Vec::new(), drive: Drive::default() })
+    }
+
+    /// What the robot's laser sees.
+    pub fn scene(&self) -> RobotScene {
+        let caster = Arc::new(RayCaster::new(&self.world));
+        RobotScene::new(caster, self.people.clone(), self.drive.clone(), self.robot.laser_m)
+    }
+
+    /// The robot's way.
+    pub fn drive(&self) -> &Drive {
+        &self.drive
+    }
+}
+
+/// The text that parts come from, for messages.
+struct Source<'t> {
+    text: &'t str,
+    file: &'t str,
+}
+
+impl Source<'_> {
+    fn build<P: Part>(
+        &self,
+        name: &'static str,
+        parts: &[Spanned<P>],
+        world: &mut World,
+        height_m: f64,
+    ) -> Result<(), ScenarioError> {
+        let mut build = |part: &Spanned<P>| {
+            part.as_ref().build(world, height_m).map_err(|fault| self.fault(name, part.span().start, fault))
+        };
+        parts.iter().try_for_each(&mut build)
+    }
+
+    fn fault(&self, part: &'static str, at: usize, fault: PartFault) -> ScenarioError {
+        ScenarioError::Part { file: self.file.to_owned(), line: line_of(self.text, at), part, fault }
+    }
+}
+
+fn line_of(text: &str, at: usize) -> usize {
+    text.bytes().take(at).filter(|byte| *byte == b'\n').count() + 1
+}
+
+fn in_toml(text: &str, file: &str, error: &toml::de::Error) -> ScenarioError {
+    let line = error.span().map_or(1, |span| line_of(text, span.start));
+    let content = text.lines().nth(line - 1).unwrap_or("").trim();
+    let content: String = content.chars().take(60).collect();
+    let message = error.message().lines().collect::<Vec<_>>().join(", ");
+    ScenarioError::Toml { file: file.to_owned(), line, message, text: content }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Scene;
+    use lrfslam_core::time::Instant;
+
+    fn fault(text: &str) -> String {
+        Scenario::parse(text, "w.toml", Path::new("")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn worlds_that_come_with_the_program_can_all_be_looked_at() {
+        for (name, _, _) in LIBRARY {
+            let scene = Scenario::load(name).unwrap_or_else(|error| panic!("{error}")).scene();
+            for degrees in -90..90 {
+                let range = scene.range_m(Instant::default(), f64::from(degrees).to_radians());
+                assert!(range.is_some_and(|range| range > 0.1), "{name} {degrees}: {range:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn faults_name_file_line_and_key() {
+        let wall = "[[wall]]\nfrom = [0, 0]\nto = [4, 0]\n";
+        assert!(fault("heigth_m = 2").starts_with("w.toml:1: unknown field `heigth_m`, expected one of `height_m`"));
+        let wrong = fault(&format!("{wall}thickness_m = \"thin\"\n"));
+        assert!(wrong.starts_with("w.toml:4: invalid type: string \"thin\", expected f64, in `thickness_m"), "{wrong}");
+        assert_eq!(
+            fault(&format!("\n{wall}thickness_m = -1.0")),
+            "w.toml:2: wall: thickness_m: expected a length, or 0"
+        );
+        assert!(fault(&format!("{wall}\n[[wall]]\nfrom = [0, 0]\n")).contains("w.toml:5: missing field `to`"));
+        assert_eq!(fault("height_m = 0.0"), "w.toml:1: world: height_m: expected a positive height");
+        assert!(
+            fault("[robot]\nroute = [[0, 0], [1, 0]]\n").starts_with("w.toml:1: robot: speed_mps: expected a positive")
+        );
+        assert!(fault("[[person]]\nway = [[0, 0]]\n").starts_with("w.toml:1: person: way: expected"));
+        assert!(fault("[[wall]\n").starts_with("w.toml:1: "));
+    }
+
+    #[test]
+    fn missing_files_say_what_there_is() {
+        let error = Scenario::load("castle.toml").unwrap_err().to_string();
+        assert!(
+            error.starts_with("castle.toml: cannot be read") && error.contains("office, corridor, loop"),
+            "{error}"
+        );
+    }
+}

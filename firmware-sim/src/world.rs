@@ -1,0 +1,40 @@
+//! What there is: rectangles in space, and the builders that make walls, rooms and floors of them.
+//!
+//! Data flow: parts ([`building`], [`wall`], [`office`]) and maps ([`ros_map`]) → [`World`] → [`crate::raycast`]. Nothing here moves; what does is in
+//! [`crate::scene`].
+
+pub mod building;
+pub mod office;
+mod rectangle;
+pub mod ros_map;
+pub mod wall;
+
+pub use rectangle::{Ray, Rectangle, Vector};
+
+/// Rectangles.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct World {
+    rectangles: Vec<Rectangle>,
+}
+
+impl World {
+    /// All of them.
+    pub fn rectangles(&self) -> &[Rectangle] {
+        &self.rectangles
+    }
+
+    /// Puts a rectangle in; what is none ([`Rectangle::new`]) is left out.
+    pub fn add(&mut self, rectangle: Option<Rectangle>) {
+        self.rectangles.extend(rectangle);
+    }
+
+    /// Distance along `ray` to the nearest rectangle, m; looks at every one. The oracle of [`crate::raycast`].
+    pub fn range_m(&self, ray: &Ray) -> Option<f64> {
+        self.rectangles.iter().filter_map(|rectangle| rectangle.range_m(ray)).min_by(f64::total_cmp)
+    }
+
+    /// Distance from `point` to the nearest surface, m; infinite in an empty world.
+    pub fn distance_m(&self, point: &Vector) -> f64 {
+        self.rectangles.iter().map(|rectangle| rectangle.distance_m(point)).fold(f64::INFINITY, f64::min)
+    }
+}
