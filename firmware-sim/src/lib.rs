@@ -8,6 +8,8 @@
 pub mod cable;
 pub mod drive;
 pub mod fault;
+pub mod log;
+pub mod lrf_model;
 pub mod people;
 pub mod pty;
 pub mod raycast;

@@ -1,11 +1,13 @@
-//! `lrf-sim`: a laser range finder on a pseudo-terminal, for drivers that want a serial port.
+//! `lrf-sim`: a laser range finder on a pseudo-terminal, for drivers that want a serial port; and drives as logs.
+
+mod log_command;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
-use clap::{Parser, ValueEnum};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use lrfslam_core::lrf::sick_lms::Variant;
 use lrfslam_core::time::Instant;
 use lrfslam_firmware_sim::fault::FaultPlan;
@@ -15,10 +17,26 @@ use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
 
-/// Serves a simulated laser range finder on a pseudo-terminal that drivers cannot tell from a real one.
+/// Simulated laser range finders.
+///
+/// Serves one on a pseudo-terminal that drivers cannot tell from a real one; `lrf-sim log` writes a drive as a log instead.
 #[derive(Debug, Parser)]
-#[command(name = "lrf-sim", version)]
+#[command(name = "lrf-sim", version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    serve: Option<ServeArgs>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Log(log_command::LogArgs),
+}
+
+/// A laser on a pseudo-terminal.
+#[derive(Debug, Args)]
+struct ServeArgs {
     /// Which sensor
     #[arg(long, value_enum)]
     model: Model,
@@ -49,12 +67,36 @@ struct Arguments {
 enum Model {
     #[value(name = "lms200")]
     Lms200,
+    #[value(name = "lms200-3016")]
+    Lms200Far,
     #[value(name = "lms291")]
     Lms291,
     #[value(name = "urg-04lx")]
     Urg04lx,
+    #[value(name = "urg-04lx-ug01")]
+    Urg04lxUg01,
     #[value(name = "utm-30lx")]
     Utm30lx,
+}
+
+impl Model {
+    /// What the sensor is on the wire.
+    fn sensor(self) -> Sensor {
+        match self {
+            Self::Lms200 => Sensor::Sick(SickModel::lms200()),
+            Self::Lms200Far => Sensor::Sick(SickModel::lms200_3016()),
+            Self::Lms291 => Sensor::Sick(SickModel::lms291()),
+            Self::Urg04lx => Sensor::Hokuyo(HokuyoModel::urg_04lx()),
+            Self::Urg04lxUg01 => Sensor::Hokuyo(HokuyoModel::urg_04lx_ug01()),
+            Self::Utm30lx => Sensor::Hokuyo(HokuyoModel::utm_30lx()),
+        }
+    }
+}
+
+/// The two protocols.
+enum Sensor {
+    Sick(SickModel),
+    Hokuyo(HokuyoModel),
 }
 
 fn parse_variant(text: &str) -> Result<Variant, String> {
@@ -68,7 +110,16 @@ fn parse_variant(text: &str) -> Result<Variant, String> {
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    let mut device = build(&arguments)?;
+    match (arguments.command, arguments.serve) {
+        (Some(Command::Log(arguments)), _) => log_command::run(&arguments),
+        (None, Some(arguments)) => serve(&arguments),
+        // clap asks for the arguments of a laser where there is no command.
+        (None, None) => Ok(()),
+    }
+}
+
+fn serve(arguments: &ServeArgs) -> Result<()> {
+    let mut device = build(arguments)?;
     if arguments.boot {
         device.power_on(Instant::default());
     }
@@ -85,11 +136,10 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-fn build(arguments: &Arguments) -> Result<Box<dyn VirtualLrf>> {
+fn build(arguments: &ServeArgs) -> Result<Box<dyn VirtualLrf>> {
     let scene = Box::new(Scenario::load(&arguments.world)?.scene());
-    Ok(match arguments.model {
-        Model::Lms200 | Model::Lms291 => {
-            let model = if arguments.model == Model::Lms200 { SickModel::lms200() } else { SickModel::lms291() };
+    Ok(match arguments.model.sensor() {
+        Sensor::Sick(model) => {
             let model = match arguments.variant {
                 Some(variant) => model.with_variant(variant),
                 None => model,
@@ -98,9 +148,7 @@ fn build(arguments: &Arguments) -> Result<Box<dyn VirtualLrf>> {
             arguments.baud.into_iter().for_each(|baud| device.set_baud(baud));
             Box::new(device)
         }
-        Model::Urg04lx | Model::Utm30lx => {
-            let model =
-                if arguments.model == Model::Urg04lx { HokuyoModel::urg_04lx() } else { HokuyoModel::utm_30lx() };
+        Sensor::Hokuyo(model) => {
             let mut device = VirtualHokuyo::new(model, scene, arguments.seed);
             arguments.baud.into_iter().for_each(|baud| device.set_baud(baud));
             Box::new(device)

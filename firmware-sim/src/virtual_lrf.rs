@@ -6,9 +6,7 @@
 pub mod hokuyo;
 pub mod sick;
 
-use lrfslam_core::math;
 use lrfslam_core::time::{Duration, Instant};
-use rand_pcg::Pcg32;
 
 /// Bytes that a device writes at once: one reply, or one scan.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -105,27 +103,4 @@ pub(crate) fn wire_time(bytes: usize, baud: Option<u32>) -> Duration {
         Some(baud) => bytes * 10_000_000 / i64::from(baud.max(1)),
         None => bytes * 1_000_000 / USB_BYTES_PER_SECOND,
     })
-}
-
-/// How a sensor errs: noise on ranges, and now and then no range at all.
-#[derive(Debug, Clone)]
-pub(crate) struct RangeError {
-    rng: Pcg32,
-    sigma_m: f32,
-    /// Fraction of beams that give an error code.
-    failure_rate: f32,
-}
-
-impl RangeError {
-    pub(crate) fn new(seed: u64, sigma_m: f32, failure_rate: f32) -> Self {
-        Self { rng: Pcg32::new(seed, 0xDA7A), sigma_m, failure_rate }
-    }
-
-    /// The range with noise; `Err` with a number that picks a code where the measurement fails.
-    pub(crate) fn apply(&mut self, range_m: f64) -> Result<f64, u32> {
-        if math::uniform(&mut self.rng) < self.failure_rate {
-            return Err((math::uniform(&mut self.rng) * 16.0) as u32);
-        }
-        Ok(range_m + f64::from(self.sigma_m * math::normal(&mut self.rng)))
-    }
 }

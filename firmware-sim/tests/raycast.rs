@@ -22,7 +22,7 @@ impl Draw {
     /// Anywhere, or where numbers are round and walls may lie in one plane.
     fn point(&mut self) -> Vector {
         let point = Vector::new(self.between(-9.0, 9.0), self.between(-9.0, 9.0), self.between(-0.5, 3.5));
-        if self.0.next_u32() % 4 == 0 { point.map(f64::round) } else { point }
+        if self.0.next_u32().is_multiple_of(4) { point.map(f64::round) } else { point }
     }
 
     fn direction(&mut self) -> Vector {

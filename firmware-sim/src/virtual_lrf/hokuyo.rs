@@ -13,7 +13,8 @@ mod scip1;
 use lrfslam_core::lrf::hokuyo_scip::{Acquire, Command, SensorParameters};
 use lrfslam_core::time::{Duration, Instant};
 
-use super::{Emission, Line, RangeError, VirtualLrf};
+use super::{Emission, Line, VirtualLrf};
+use crate::lrf_model::{LrfErrors, LrfModel, RangeMeter};
 use crate::scene::Scene;
 
 /// Longest command line that is kept; the rest of a longer one is dropped.
@@ -35,8 +36,7 @@ pub struct HokuyoModel {
     starts_in_scip1: bool,
     has_intensity: bool,
     boot: Duration,
-    sigma_m: f32,
-    failure_rate: f32,
+    errors: LrfErrors,
 }
 
 impl HokuyoModel {
@@ -52,8 +52,21 @@ impl HokuyoModel {
             starts_in_scip1: true,
             has_intensity: false,
             boot: Duration::from_millis(1500),
-            sigma_m: 0.01,
-            failure_rate: 0.02,
+            errors: LrfModel::URG_04LX.errors,
+        }
+    }
+
+    /// URG-04LX-UG01: the same on USB, SCIP 2, and less exact.
+    pub fn urg_04lx_ug01() -> Self {
+        Self {
+            parameters: parameters("URG-04LX-UG01(Simple-URG)", [20, 5600], [1024, 44, 725, 384, 600]),
+            product: "SOKUIKI Sensor URG-04LX-UG01(Simple-URG)",
+            firmware: "3.4.03(17/Dec./2012)",
+            serial: "H1200001",
+            baud: None,
+            starts_in_scip1: false,
+            errors: LrfModel::URG_04LX_UG01.errors,
+            ..Self::urg_04lx()
         }
     }
 
@@ -69,8 +82,7 @@ impl HokuyoModel {
             starts_in_scip1: false,
             has_intensity: true,
             boot: Duration::from_millis(2000),
-            sigma_m: 0.01,
-            failure_rate: 0.005,
+            errors: LrfModel::UTM_30LX.errors,
         }
     }
 }
@@ -107,7 +119,7 @@ struct Stream {
 pub struct VirtualHokuyo {
     model: HokuyoModel,
     scene: Box<dyn Scene>,
-    error: RangeError,
+    meter: RangeMeter,
     line: Line,
 
     ready_at: Instant,
@@ -131,11 +143,11 @@ pub struct VirtualHokuyo {
 impl VirtualHokuyo {
     /// A sensor that has been on for long; `seed` decides its errors.
     pub fn new(model: HokuyoModel, scene: Box<dyn Scene>, seed: u64) -> Self {
-        let error = RangeError::new(seed, model.sigma_m, model.failure_rate);
+        let meter = RangeMeter::new(model.errors, seed);
         let line = Line::new(model.baud);
         let mut device = Self {
             scene,
-            error,
+            meter,
             line,
             ready_at: Instant::default(),
             zero: Instant::default(),

@@ -13,7 +13,8 @@ use lrfslam_core::lrf::sick_lms::telegram::{self, ACK, Direction, Head, NAK};
 use lrfslam_core::lrf::sick_lms::{ConfigBlock, OperatingMode, Request, Unit, Variant};
 use lrfslam_core::time::{Duration, Instant};
 
-use super::{Emission, Line, RangeError, VirtualLrf};
+use super::{Emission, Line, VirtualLrf};
+use crate::lrf_model::{LrfErrors, LrfModel, RangeMeter};
 use crate::scene::Scene;
 
 /// After this silence half a telegram is forgotten.
@@ -31,8 +32,7 @@ pub struct SickModel {
     variant: Variant,
     /// From power-on or reset to the power-on telegram: 15 to 35 s.
     boot: Duration,
-    sigma_m: f32,
-    failure_rate: f32,
+    errors: LrfErrors,
 }
 
 impl SickModel {
@@ -44,16 +44,28 @@ impl SickModel {
             config: ConfigBlock::new(34),
             variant: Variant::DEG_180_BY_HALF,
             boot: Duration::from_millis(15_000),
-            sigma_m: 0.005,
-            failure_rate: 0.002,
+            errors: LrfModel::LMS200.errors,
         }
+    }
+
+    /// LMS200-30106 set to 80 m in cm, with its systematic error.
+    pub fn lms200_3016() -> Self {
+        let mut config = ConfigBlock::new(34);
+        config.set_unit(Unit::Centimetre);
+        Self { config, errors: LrfModel::LMS200_3016.errors, ..Self::lms200() }
     }
 
     /// LMS291-S05: cm, 80 m, 180° by 0.5°.
     pub fn lms291() -> Self {
         let mut config = ConfigBlock::new(34);
         config.set_unit(Unit::Centimetre);
-        Self { type_text: b"LMS291;S05   ;X01.27 ", software: b"X01.27 ", config, sigma_m: 0.01, ..Self::lms200() }
+        let errors = LrfModel::LMS291.errors;
+        Self { type_text: b"LMS291;S05   ;X01.27 ", software: b"X01.27 ", config, errors, ..Self::lms200() }
+    }
+
+    /// The same with other errors.
+    pub fn with_errors(self, errors: LrfErrors) -> Self {
+        Self { errors, ..self }
     }
 
     /// The same with the configuration block of older firmware, 32 bytes.
@@ -74,7 +86,7 @@ impl SickModel {
 pub struct VirtualSick {
     model: SickModel,
     scene: Box<dyn Scene>,
-    error: RangeError,
+    meter: RangeMeter,
     line: Line,
 
     booting_until: Option<Instant>,
@@ -98,7 +110,7 @@ impl VirtualSick {
     pub fn new(model: SickModel, scene: Box<dyn Scene>, seed: u64) -> Self {
         Self {
             scene,
-            error: RangeError::new(seed, model.sigma_m, model.failure_rate),
+            meter: RangeMeter::new(model.errors, seed),
             line: Line::new(Some(9600)),
             booting_until: None,
             mode: OperatingMode::OnRequest,

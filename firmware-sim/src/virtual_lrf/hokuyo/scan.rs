@@ -6,6 +6,7 @@ use lrfslam_core::lrf::hokuyo_scip::{Acquire, Command, Encoding, Status, code};
 use lrfslam_core::time::Instant;
 
 use super::VirtualHokuyo;
+use crate::lrf_model::Reading;
 
 /// "Not measurable": also what steps outside the field of view give (capture).
 const NOT_MEASURABLE: u32 = 19;
@@ -77,15 +78,13 @@ impl VirtualHokuyo {
         let bearing_rad = f64::from(parameters.bearing_rad(f32::from(step)));
         let is_urg = parameters.range_codes() == RangeCodes::Urg;
         let nothing = if is_urg { 0 } else { 1 };
-        let Some(range_m) = self.scene.range_m(start + parameters.step_time(step), bearing_rad) else {
-            return nothing;
-        };
         let (shortest, longest) = (parameters.distance_min_mm, parameters.distance_max_mm);
-        match self.error.apply(range_m) {
+        match self.meter.measure(self.scene.as_ref(), start + parameters.step_time(step), bearing_rad) {
+            Reading::Nothing => nothing,
             // What a URG gives most often in a real room: 0, 7 and 10 (capture).
-            Err(pick) if is_urg => [0, 0, 0, 0, 0, 0, 7, 10][pick as usize % 8],
-            Err(pick) => [2, 3, 4, 5][pick as usize % 4],
-            Ok(range_m) => match (range_m * 1000.0).round() as u32 {
+            Reading::Failed(pick) if is_urg => [0, 0, 0, 0, 0, 0, 7, 10][pick as usize % 8],
+            Reading::Failed(pick) => [2, 3, 4, 5][pick as usize % 4],
+            Reading::Range(range_m) => match (range_m * 1000.0).round() as u32 {
                 near if near < shortest => {
                     if is_urg {
                         6

@@ -5,6 +5,7 @@ use lrfslam_core::lrf::sick_lms::{OperatingMode, Unit};
 use lrfslam_core::time::{Duration, Instant};
 
 use super::VirtualSick;
+use crate::lrf_model::Reading;
 
 /// Mirror turns per second.
 const TURNS_PER_SECOND: i64 = 75;
@@ -150,14 +151,12 @@ impl VirtualSick {
         let bearing_rad = (f64::from(angle_cdeg) / 100.0 - 90.0).to_radians();
         let format = ValueFormat::of_mode(self.config.measuring_mode()).unwrap_or(ValueFormat { mask: 0x1FFF });
         let beyond = format.beyond_maximum();
-        let Some(range_m) = self.scene.range_m(at, bearing_rad) else {
-            return beyond;
-        };
         let per_metre = f64::from(self.config.unit().unwrap_or(Unit::Centimetre).per_metre());
-        match self.error.apply(range_m) {
+        match self.meter.measure(self.scene.as_ref(), at, bearing_rad) {
+            Reading::Nothing => beyond,
             // Dazzled, or a weak signal.
-            Err(pick) => format.mask - if pick % 4 == 0 { 1 } else { 4 },
-            Ok(range_m) => ((range_m * per_metre).round().max(1.0) as u32).min(u32::from(beyond)) as u16,
+            Reading::Failed(pick) => format.mask - if pick % 4 == 0 { 1 } else { 4 },
+            Reading::Range(range_m) => ((range_m * per_metre).round().max(1.0) as u32).min(u32::from(beyond)) as u16,
         }
     }
 }

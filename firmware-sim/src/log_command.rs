@@ -1,0 +1,196 @@
+//! `lrf-sim log`: a drive as a CARMEN log.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use flate2::{Compression, GzBuilder, write::GzEncoder};
+use lrfslam_firmware_sim::log::{LogFiles, LogPlan, Pace, write_log};
+use lrfslam_firmware_sim::lrf_model::{LrfErrors, LrfModel};
+use lrfslam_firmware_sim::scenario::Scenario;
+
+/// Writes a drive through a world as a CARMEN log, and the true path beside it.
+///
+/// Names that end in .gz are compressed. The same arguments give the same bytes.
+#[derive(Debug, Args)]
+pub struct LogArgs {
+    /// Where it is: room, floor, office, corridor, loop, a world file, or the YAML of a ROS map
+    #[arg(long, value_name = "NAME|FILE")]
+    world: String,
+    /// The laser
+    #[arg(long, default_value = "lms200", value_parser = model)]
+    lrf: LrfModel,
+    /// The log
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// The true path, TUM [default: beside the log, with .tum instead of .log]
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Scans that were taken while the laser was tilted, as a log of their own; left out without this
+    #[arg(long, value_name = "FILE")]
+    tilted: Option<PathBuf>,
+    /// Readings of the tilt's encoder: lines of time and tilt, s and rad, up is positive
+    #[arg(long, value_name = "FILE")]
+    tilt: Option<PathBuf>,
+    /// Scans per second
+    #[arg(long, value_name = "HZ", default_value_t = 5.0)]
+    rate: f64,
+    /// So many scans instead, evenly spread over the way
+    #[arg(long, value_name = "N", conflicts_with_all = ["rate", "seconds"])]
+    scans: Option<usize>,
+    /// End after so many seconds of the drive; needed where the robot has no route
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+    /// From beam to beam, degrees, instead of the laser's own
+    #[arg(long, value_name = "DEG")]
+    resolution: Option<f64>,
+    /// Standard deviation of the ranges, millimetres, instead of the laser's own errors
+    #[arg(long, value_name = "MM")]
+    noise: Option<f64>,
+    /// All beams of a scan leave at once: no distortion by the motion
+    #[arg(long)]
+    snapshot: bool,
+    /// A laser without errors
+    #[arg(long, conflicts_with = "noise")]
+    perfect: bool,
+    /// Of all errors
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+pub fn run(args: &LogArgs) -> Result<()> {
+    let scenario = Scenario::load(&args.world)?;
+    let pace = match args.scans {
+        Some(count) => Pace::Count(count),
+        None => Pace::Rate { hz: args.rate, seconds: args.seconds },
+    };
+    let plan = LogPlan { lrf: args.laser()?, pace, snapshot: args.snapshot, seed: args.seed };
+    let truth_name = args.truth.clone().unwrap_or_else(|| beside(&args.out));
+    let (mut log, mut truth) = (Output::create(&args.out)?, Output::create(&truth_name)?);
+    let mut tilted = args.tilted.as_deref().map(Output::create).transpose()?;
+    let mut tilt = args.tilt.as_deref().map(Output::create).transpose()?;
+    let report = write_log(
+        &scenario,
+        &plan,
+        &mut LogFiles {
+            log: &mut log,
+            truth: &mut truth,
+            tilted: tilted.as_mut().map(|out| out as &mut dyn Write),
+            tilt: tilt.as_mut().map(|out| out as &mut dyn Write),
+        },
+    )?;
+    for file in [Some(log), Some(truth), tilted, tilt].into_iter().flatten() {
+        file.finish()?;
+    }
+    println!(
+        "{}: {} scans, {:.1} m in {:.1} s; the truth is in {}",
+        args.out.display(),
+        report.scans,
+        report.way_m,
+        report.seconds,
+        truth_name.display()
+    );
+    if report.tilted > 0 {
+        println!(
+            "{} scans of the tilted laser {}",
+            report.tilted,
+            if args.tilted.is_some() { "apart" } else { "left out" }
+        );
+    }
+    Ok(())
+}
+
+impl LogArgs {
+    fn laser(&self) -> Result<LrfModel> {
+        let mut lrf = self.lrf;
+        if let Some(resolution_deg) = self.resolution {
+            let fits = (0.05..=30.0).contains(&resolution_deg);
+            ensure!(fits, "--resolution: expected 0.05 to 30 degrees, found {resolution_deg}");
+            lrf.resolution_deg = resolution_deg;
+        }
+        if let Some(noise_mm) = self.noise {
+            ensure!((0.0..=1000.0).contains(&noise_mm), "--noise: expected 0 to 1000 mm, found {noise_mm}");
+            lrf.errors = LrfErrors::gaussian(noise_mm / 1000.0);
+        }
+        if self.perfect {
+            lrf.errors = LrfErrors::NONE;
+        }
+        Ok(lrf)
+    }
+}
+
+/// A model by its name.
+pub fn model(name: &str) -> Result<LrfModel, String> {
+    let known = LrfModel::ALL;
+    let found = known.iter().find(|model| model.name == name).copied();
+    found.ok_or_else(|| format!("expected one of {}", known.map(|model| model.name).join(", ")))
+}
+
+/// `drive.log.gz` → `drive.tum`.
+fn beside(log: &Path) -> PathBuf {
+    let name = log.file_name().unwrap_or_default().to_string_lossy();
+    let stem = name.strip_suffix(".gz").unwrap_or(&name);
+    let stem = stem.strip_suffix(".log").unwrap_or(stem);
+    log.with_file_name(format!("{stem}.tum"))
+}
+
+/// A file, compressed if its name says so; no time of day goes into it.
+enum Output {
+    Plain(BufWriter<File>, PathBuf),
+    Gzip(GzEncoder<BufWriter<File>>, PathBuf),
+}
+
+impl Output {
+    fn create(path: &Path) -> Result<Self> {
+        let file = File::create(path).with_context(|| format!("{}: cannot be made", path.display()))?;
+        let file = BufWriter::new(file);
+        Ok(match path.extension().is_some_and(|extension| extension == "gz") {
+            true => Self::Gzip(GzBuilder::new().write(file, Compression::best()), path.to_owned()),
+            false => Self::Plain(file, path.to_owned()),
+        })
+    }
+
+    fn finish(self) -> Result<()> {
+        let (done, path) = match self {
+            Self::Plain(mut file, path) => (file.flush(), path),
+            Self::Gzip(file, path) => (file.finish().and_then(|mut file| file.flush()), path),
+        };
+        done.with_context(|| format!("{}: cannot be written", path.display()))
+    }
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::Plain(file, _) => file.write(bytes),
+            Self::Gzip(file, _) => file.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::Plain(file, _) => file.flush(),
+            Self::Gzip(file, _) => file.flush(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn truth_is_named_after_the_log() {
+        let named = |log: &str| beside(Path::new(log)).display().to_string();
+        assert_eq!(named("a/drive.log.gz"), "a/drive.tum");
+        assert_eq!([named("drive.log"), named("drive")], ["drive.tum", "drive.tum"]);
+    }
+
+    #[test]
+    fn unknown_lasers_are_refused_in_words() {
+        assert_eq!(model("utm-30lx").unwrap().rate_hz, 40.0);
+        assert!(model("lms9000").unwrap_err().starts_with("expected one of lms200, lms200-3016"));
+    }
+}
