@@ -156,9 +156,9 @@ impl Drive {
         &self.tilt
     }
 
-    /// `count` times, evenly spread over the way from start to end: a turn of 1 rad counts as much as 2.5 m.
+    /// `count` times, evenly spread over the way from start to end: a turn of 1 rad counts as much as 3 m.
     pub fn spread(&self, count: usize) -> Vec<Instant> {
-        const METRES_PER_RAD: f64 = 2.5;
+        const METRES_PER_RAD: f64 = 3.0;
         let Motion::Steps(steps) = &self.motion else { return Vec::new() };
         let lengths: Vec<f64> = steps
             .windows(2)
@@ -379,7 +379,7 @@ mod tests {
         assert_eq!(places.len(), 30);
         let gaps: Vec<f64> = places
             .windows(2)
-            .map(|p| (p[1].x - p[0].x).hypot(p[1].y - p[0].y) + 2.5 * (p[1].heading - p[0].heading).abs())
+            .map(|p| (p[1].x - p[0].x).hypot(p[1].y - p[0].y) + 3.0 * (p[1].heading - p[0].heading).abs())
             .collect();
         let (low, high) = gaps.iter().fold((f64::INFINITY, 0.0_f64), |(l, h), g| (l.min(*g), h.max(*g)));
         assert!(high - low < 0.06, "{low} to {high}");

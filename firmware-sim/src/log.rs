@@ -65,7 +65,7 @@ pub enum LogError {
         found: f64,
     },
     /// A file cannot be written.
-    #[error("the log cannot be written: {0}")]
+    #[error("the log cannot be written")]
     Write(#[from] io::Error),
 }
 

@@ -344,7 +344,7 @@ mod tests {
         let mut mixed = 0;
         for _ in 0..4000 {
             match meter.measure(&Edge { behind_m: 4.0 }, Instant::default(), 0.001) {
-                Reading::Range(range_m) if range_m == 2.0 => {}
+                Reading::Range(2.0) => {}
                 Reading::Range(range_m) if (2.0..4.0).contains(&range_m) => mixed += 1,
                 other => panic!("{other:?}"),
             }

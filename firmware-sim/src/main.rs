@@ -3,6 +3,7 @@
 mod log_command;
 
 use std::path::PathBuf;
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -108,8 +109,17 @@ fn parse_variant(text: &str) -> Result<Variant, String> {
     if variant.is_possible() { Ok(variant) } else { Err(expected()) }
 }
 
-fn main() -> Result<()> {
-    let arguments = Arguments::parse();
+fn main() -> ExitCode {
+    match run(Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("lrf-sim: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: Arguments) -> Result<()> {
     match (arguments.command, arguments.serve) {
         (Some(Command::Log(arguments)), _) => log_command::run(&arguments),
         (None, Some(arguments)) => serve(&arguments),

@@ -33,12 +33,12 @@ pub const LIBRARY: [(&str, &str, &str); 5] = [
 #[non_exhaustive]
 pub enum ScenarioError {
     /// The file cannot be read.
-    #[error("{}: cannot be read: {source}; worlds that come with the program: {}", file.display(), names())]
+    #[error("{}: cannot be read: {why}; worlds that come with the program: {}", file.display(), names())]
     Read {
         /// Which file.
         file: PathBuf,
-        /// Why.
-        source: std::io::Error,
+        /// What the system says.
+        why: std::io::Error,
     },
     /// Not TOML, or a key or value that no world has.
     #[error("{file}:{line}: {message}, in `{text}`")]
@@ -149,7 +149,7 @@ impl Scenario {
         if path.extension().is_some_and(|extension| extension == "yaml" || extension == "yml") {
             return Self::from_map(path);
         }
-        let text = std::fs::read_to_string(path).map_err(|source| ScenarioError::Read { file: path.into(), source })?;
+        let text = std::fs::read_to_string(path).map_err(|why| ScenarioError::Read { file: path.into(), why })?;
         Self::parse(&text, name, path.parent().unwrap_or(Path::new("")))
     }
 

@@ -110,6 +110,27 @@ impl Office {
         Ok(())
     }
 
+    /// Cupboards, notice boards and columns along a wall without doors, a few metres apart.
+    fn line_with_cupboards(
+        &self,
+        world: &mut World,
+        x: f64,
+        inward: f64,
+        y: [f64; 2],
+        rng: &mut Pcg32,
+    ) -> Result<(), PartFault> {
+        let mut draw = |low: f64, high: f64| low + (high - low) * f64::from(math::uniform(rng));
+        let mut at = y[0] + self.corridor_m + draw(0.3, 1.5);
+        while at < y[1] - self.corridor_m {
+            let (depth, length) = (draw(0.12, 0.35), draw(0.3, 1.2));
+            let centre = [x + inward * (depth + self.thickness_m) / 2.0, at];
+            Block { centre, size_m: [depth, length], heading_deg: 0.0, z_m: Some([0.0, draw(1.0, 2.0)]) }
+                .build(world, 0.0)?;
+            at += length + draw(1.0, 3.0);
+        }
+        Ok(())
+    }
+
     /// A door somewhere in the room's front: three in four stand open, some of them with a leaf to be seen.
     fn door(&self, start_m: f64, width_m: f64, rng: &mut Pcg32) -> Opening {
         let spare = (width_m - 0.9 - 2.0 * self.thickness_m - 0.4).max(0.0);
@@ -162,6 +183,10 @@ impl Part for Office {
         for x in [x0, x1] {
             Wall { from: [x, south], to: [x, north], thickness_m: self.thickness_m, z_m: None, opening: Vec::new() }
                 .build(world, height_m)?;
+        }
+        let passage = [-1.0, 1.0].map(|side| (x0 + x1) / 2.0 + side * self.corridor_m / 2.0);
+        for (x, inward) in [(x0, 1.0), (x1, -1.0), (passage[0], 1.0), (passage[1], -1.0)] {
+            self.line_with_cupboards(world, x, inward, [south, north], &mut rng)?;
         }
         add_slabs(world, self.from, self.to, height_m)
     }

@@ -11,12 +11,12 @@ use super::wall::Upright;
 #[non_exhaustive]
 pub enum RosMapError {
     /// The file cannot be read.
-    #[error("{}: cannot be read: {source}", file.display())]
+    #[error("{}: cannot be read: {why}", file.display())]
     Read {
         /// Which file.
         file: PathBuf,
-        /// Why.
-        source: std::io::Error,
+        /// What the system says.
+        why: std::io::Error,
     },
     /// A line of the YAML file is wrong, or a key is missing.
     #[error("{}:{line}: {key}: expected {expected}", file.display())]
@@ -64,10 +64,10 @@ struct Picture {
 /// # Errors
 /// See [`RosMapError`].
 pub fn add_map(world: &mut World, yaml: &Path, height_m: f64) -> Result<(), RosMapError> {
-    let text = std::fs::read_to_string(yaml).map_err(|source| RosMapError::Read { file: yaml.into(), source })?;
+    let text = std::fs::read_to_string(yaml).map_err(|why| RosMapError::Read { file: yaml.into(), why })?;
     let info = MapInfo::parse(yaml, &text)?;
     let file = yaml.parent().unwrap_or(Path::new("")).join(&info.image);
-    let bytes = std::fs::read(&file).map_err(|source| RosMapError::Read { file: file.clone(), source })?;
+    let bytes = std::fs::read(&file).map_err(|why| RosMapError::Read { file: file.clone(), why })?;
     let picture = Picture::parse(&bytes).map_err(|expected| RosMapError::Picture { file, expected })?;
     for [from, to] in outlines(&picture, &info) {
         let wall = Upright::new(from, to);
