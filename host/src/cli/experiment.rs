@@ -1,26 +1,35 @@
-//! `lrfslam experiment`: what the methods are worth on real scans.
+//! `lrfslam experiment`: what the methods are worth on scans whose true path is known.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::experiment_sweep::{self, SweepArgs};
 use super::{Failure, print};
 use crate::config::RunConfig;
-use crate::experiment::{MatchPairsConfig, MatchPairsReport, match_pairs};
+use crate::experiment::{Experiment, MatchPairsConfig, MatchPairsReport, match_pairs};
 use crate::log::{LogReader, LogScan};
 use crate::trajectory::read_trajectory;
 
-/// Measure the methods on real scans.
+/// Measure the methods on scans whose true path is known, simulated or real.
 #[derive(Debug, Args)]
 pub(super) struct ExperimentArgs {
     #[command(subcommand)]
-    experiment: Experiment,
+    experiment: Command,
 }
 
 #[derive(Debug, Subcommand)]
-enum Experiment {
+enum Command {
     MatchPairs(MatchPairsArgs),
+    /// Errors of displacement over the size of DE's population (figures 5.1, 5.2).
+    DePopulation(SweepArgs),
+    /// Errors of displacement over the number of DE's generations (figures 5.3, 5.4).
+    DeGenerations(SweepArgs),
+    /// Errors of displacement over the laser's noise (figures 5.5, 5.6).
+    LrfNoise(SweepArgs),
+    /// The distribution of the errors: the scan-matching motion model (table 4.7).
+    MotionModel(SweepArgs),
 }
 
 /// How often scans displaced anywhere in the search box are found again: by differential evolution and by Newton's method.
@@ -59,7 +68,11 @@ struct MatchPairsArgs {
 
 pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
     match &args.experiment {
-        Experiment::MatchPairs(args) => run_match_pairs(args),
+        Command::MatchPairs(args) => run_match_pairs(args),
+        Command::DePopulation(args) => experiment_sweep::run(Experiment::Population, args),
+        Command::DeGenerations(args) => experiment_sweep::run(Experiment::Generations, args),
+        Command::LrfNoise(args) => experiment_sweep::run(Experiment::LrfNoise, args),
+        Command::MotionModel(args) => experiment_sweep::run(Experiment::MotionModel, args),
     }
 }
 

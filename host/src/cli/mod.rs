@@ -8,6 +8,7 @@ mod cloud_summary;
 mod config;
 mod eval;
 mod experiment;
+mod experiment_sweep;
 mod laser;
 mod live_scans;
 mod lrf;

@@ -11,7 +11,7 @@ mod truth;
 use lrfslam_core::time::{Duration, Instant};
 
 pub use relations::{Relation, RelationReport, evaluate_relations, read_relations};
-pub use statistics::Statistics;
+pub use statistics::{Distribution, Statistics};
 pub use stretches::{Standing, StretchError, StretchReport, Turn, evaluate_stretches};
 pub use truth::{RelativeError, TruthReport, evaluate_truth};
 

@@ -8,25 +8,18 @@
 
 use std::time::Instant as WallInstant;
 
-use lrfslam_core::de::{DeConfig, Member};
-use lrfslam_core::filter::{FilterConfig, Motion, hits, thin};
-use lrfslam_core::geometry::{Point2, Pose2};
-use lrfslam_core::matcher::{Match, MatcherConfig, Prediction, ScanMatcher, SearchConfig};
-use lrfslam_core::math::uniform;
+use lrfslam_core::de::Member;
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::matcher::Prediction;
 use lrfslam_core::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtTile};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_pcg::Pcg32;
 use serde::Serialize;
 
+use super::pair::{Contender, align, anywhere, is_determined, is_recovered, overlap, points_of};
 use crate::config::RunConfig;
 use crate::log::LogScan;
 use crate::trajectory::TimedPose;
-
-/// A match this near to the truth is a recovery.
-const RECOVERED_M: f32 = 0.05;
-const RECOVERED_RAD: f32 = std::f32::consts::PI / 180.0;
-/// Points nearer than this to one of the other scan's overlap with it, m.
-const OVERLAP_M: f32 = 0.3;
 
 /// What to try.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -41,17 +34,6 @@ pub struct MatchPairsConfig {
     pub overlap_min: f32,
     /// Side of an NDT cell for the single scan that is matched against, m.
     pub cell_size_m: f32,
-}
-
-/// A way to match.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub enum Contender {
-    /// Differential evolution over the box, polished by Newton steps.
-    Polished,
-    /// Differential evolution alone, as in the thesis.
-    Evolution,
-    /// Newton's method from the centre of the box.
-    Newton,
 }
 
 /// How one contender did.
@@ -111,11 +93,7 @@ pub fn match_pairs(
     let mut rng = Pcg32::seed_from_u64(config.seed);
     for _ in 0..config.pairs {
         let first = ((u64::from(rng.next_u32()) * (scans.len() - gap) as u64) >> 32) as usize;
-        let offset = Pose2::new(
-            -run.search.backward_m + (run.search.backward_m + run.search.forward_m) * uniform(&mut rng),
-            run.search.lateral_m * (2.0 * uniform(&mut rng) - 1.0),
-            run.search.rotation_deg.to_radians() * (2.0 * uniform(&mut rng) - 1.0),
-        );
+        let offset = anywhere(&run.search, &mut rng);
         let truth = poses[first].map_from_robot.between(poses[first + gap].map_from_robot);
         bench.judge(&scans[first], &scans[first + gap], truth, offset, &mut rng);
     }
@@ -184,8 +162,7 @@ impl Bench {
             let started = WallInstant::now();
             let found = align(contender, &self.run, &ndt, &points, &prediction, &mut self.population, seed);
             tally.seconds += started.elapsed().as_secs_f64();
-            let error = truth.between(found);
-            let recovered = error.position().norm() <= RECOVERED_M && error.heading.abs() <= RECOVERED_RAD;
+            let recovered = is_recovered(truth.between(found));
             tally.recovered += usize::from(recovered);
             tally.recovered_determined += usize::from(recovered && determined);
         }
@@ -208,51 +185,4 @@ impl Bench {
             scores: CONTENDERS.into_iter().zip(&self.tally).map(score).collect(),
         }
     }
-}
-
-/// Points of a scan in the robot frame, filtered with `radius_m`.
-fn points_of(scan: &LogScan, radius_m: f32, run: &RunConfig) -> Vec<Point2> {
-    let (mut raw, mut points) = (vec![Point2::default(); scan.beams.len()], vec![Point2::default(); scan.beams.len()]);
-    let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| run.robot_from_lrf());
-    // There is a place for every beam: this cannot fail.
-    let hits = hits(&scan.scan(), robot_from_lrf, Motion::default(), &mut raw);
-    let count = hits.and_then(|hits| thin(&FilterConfig { radius_m }, hits, &mut points)).map_or(0, |kept| kept.len());
-    points.truncate(count);
-    points
-}
-
-/// Share of `points` that, displaced by `truth`, lie near a point of the reference.
-fn overlap(reference: &[Point2], points: &[Point2], truth: Pose2) -> f32 {
-    let near = |point: &&Point2| {
-        let moved = truth.transform(**point);
-        reference.iter().any(|other| (moved - *other).norm() <= OVERLAP_M)
-    };
-    points.iter().filter(near).count() as f32 / points.len().max(1) as f32
-}
-
-/// True if the scene determines every axis at the truth.
-fn is_determined(config: &MatcherConfig, ndt: &NdtGrid<'_>, points: &[Point2], truth: Pose2) -> bool {
-    let [xx, xy, yy] = ndt.constraint(points, truth);
-    0.5 * (xx + yy) - (0.5 * (xx - yy)).hypot(xy) >= config.constraint_min
-}
-
-fn align(
-    contender: Contender,
-    run: &RunConfig,
-    ndt: &NdtGrid<'_>,
-    points: &[Point2],
-    prediction: &Prediction,
-    population: &mut [Member<3>],
-    seed: u64,
-) -> Pose2 {
-    let newton_steps = if contender == Contender::Evolution { 0 } else { run.matcher.newton_steps };
-    // Nothing is known of the motion here: no prior.
-    let config = MatcherConfig { newton_steps, prior_position_m: 0.0, prior_heading_deg: 0.0, ..run.matcher };
-    let (search, de): (SearchConfig, DeConfig) = (run.search, run.de);
-    let mut matcher = ScanMatcher::new(&search, &de, &config, population);
-    if contender == Contender::Newton {
-        return matcher.align_locally(ndt, points, prediction);
-    }
-    let found: Match = matcher.align(ndt, points, prediction, &mut Pcg32::seed_from_u64(seed));
-    found.map_from_robot
 }

@@ -1,5 +1,18 @@
-//! Experiments on real scans: what the methods are worth, measured.
+//! Experiments: what the methods are worth, measured on simulated and real scans (thesis, chapter 5).
+//!
+//! All take a log and the true path of its scans; where that comes from (a simulator, or a path made with the whole log) is the
+//! caller's business.
 
+mod findings;
 mod match_pairs;
+mod motion_model;
+mod pair;
+mod plots;
+mod sweep;
 
-pub use match_pairs::{Contender, MatchPairsConfig, MatchPairsError, MatchPairsReport, match_pairs};
+pub use findings::{Experiment, markdown};
+pub use match_pairs::{MatchPairsConfig, MatchPairsError, MatchPairsReport, match_pairs};
+pub use motion_model::{AxisModel, MotionModel, fit_motion_model};
+pub use pair::Contender;
+pub use plots::{plot_distributions, plot_errors};
+pub use sweep::{CaseSummary, Method, PairError, SweepCase, SweepConfig, SweepError, SweepReport, sweep, write_csv};
