@@ -61,6 +61,12 @@ pub fn plot_errors(cases: &[SweepCase], errors: &[PairError]) -> Result<String, 
     Ok(svg)
 }
 
+/// The number on a tick, without the sign that rounding leaves on a zero.
+fn tick(value: &f64) -> String {
+    let rounded = (value * 1e4).round() / 1e4;
+    format!("{}", if rounded == 0.0 { 0.0 } else { rounded })
+}
+
 fn draw_legend(area: &Area<'_>) -> Result<(), PlotError> {
     for (x, colour, text) in [(40, THESIS, "thesis: DE alone"), (240, OURS, "ours: DE, then Newton steps")] {
         area.draw(&PathElement::new([(x, 12), (x + 30, 12)], colour.stroke_width(2)))?;
@@ -83,7 +89,14 @@ fn draw_errors(
         .x_label_area_size(18)
         .y_label_area_size(40)
         .build_cartesian_2d(0..last, -limit..limit)?;
-    chart.configure_mesh().disable_mesh().x_labels(4).y_labels(5).label_style(("sans-serif", 10)).draw()?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .x_labels(4)
+        .y_labels(5)
+        .y_label_formatter(&tick)
+        .label_style(("sans-serif", 10))
+        .draw()?;
     for (errors, colour) in methods.iter().zip([THESIS, OURS]) {
         chart.draw_series(LineSeries::new(errors.iter().map(|error| (error.pose, axis.1(error))), &colour))?;
     }
@@ -132,7 +145,14 @@ fn draw_distribution(area: &Area<'_>, name: &str, values: &[f64], of: &Distribut
         .x_label_area_size(18)
         .y_label_area_size(10)
         .build_cartesian_2d(-reach..reach, 0.0..top)?;
-    chart.configure_mesh().disable_mesh().x_labels(5).y_labels(0).label_style(("sans-serif", 10)).draw()?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .x_labels(5)
+        .y_labels(0)
+        .x_label_formatter(&tick)
+        .label_style(("sans-serif", 10))
+        .draw()?;
     let bar = |(bin, &count): (usize, &usize)| {
         let left = -reach + bin as f64 * width;
         Rectangle::new([(left, 0.0), (left + width, density(count))], OURS.mix(0.5).filled())
