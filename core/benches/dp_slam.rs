@@ -41,7 +41,7 @@ fn driven(config: LowSlamConfigs, steps: u32) -> (LowSlam<'static, SIDE>, u32) {
     let mut slam = rig::filter(&config, 120_000);
     for step in 0..steps {
         let beams = rig::beams_at(rig::pose_at(step), step);
-        slam.step(&rig::as_scan(&beams), &rig::motion_at(step)).expect("rays fit");
+        slam.step(&rig::as_sweep(&beams), &rig::motion_at(step)).expect("rays fit");
     }
     (slam, steps)
 }
@@ -87,7 +87,7 @@ fn step(bencher: Bencher<'_, '_>, (particles, shares): (u16, u16)) {
             step += 1;
             (rig::beams_at(rig::pose_at(step), step), rig::motion_at(step))
         })
-        .bench_local_values(|(beams, motion)| slam.step(&rig::as_scan(&beams), &motion));
+        .bench_local_values(|(beams, motion)| slam.step(&rig::as_sweep(&beams), &motion));
 }
 
 /// A generation of the tree alone: half of the leaves go, the others get two children each.

@@ -26,7 +26,7 @@ fn main() {
         let start = Instant::now();
         let mut weighing_us = 0.0;
         let report = slam
-            .step_with(&rig::as_scan(&beams), &motion, |weighing, samples, window| {
+            .step_with(&rig::as_sweep(&beams), &motion, |weighing, samples, window| {
                 let start = Instant::now();
                 weighing.weigh(0..weighing.particles(), samples, window);
                 weighing_us = start.elapsed().as_secs_f64() * 1e6;

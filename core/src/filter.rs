@@ -3,10 +3,8 @@
 //! A circular window slides over the scan's points in beam order; the points inside it are replaced by their centre
 //! of gravity. The result has points about a window radius apart.
 
-use crate::geometry::{Point2, Pose2};
-use crate::scan::RangeScan;
-use crate::sweep;
-use crate::time::Duration;
+use crate::geometry::Point2;
+use crate::sweep::Sweep;
 
 crate::config! {
     /// Scan filter (thesis 4.4.3).
@@ -24,44 +22,22 @@ pub struct PointCapacityError {
     pub capacity: usize,
 }
 
-/// The scan's hits, robot frame, in beam order; written to the front of `memory`.
-///
-/// * `robot_from_lrf` — where the laser sits on the robot
-/// * `motion` — of the robot during the sweep: every hit is carried to where it lies in the middle of the sweep. Not at its start:
-///   an error of the motion would then turn the whole scan, its match would have the opposite error, and the next motion
-///   again the opposite, without end
+/// The scan's hits, robot frame, in beam order, where they lie in the middle of the sweep; written to the front of `memory`.
 ///
 /// # Errors
 /// [`PointCapacityError`] if `memory` is too short; nothing is returned then.
-pub fn hits<'m>(
-    scan: &RangeScan<'_>,
-    robot_from_lrf: Pose2,
-    motion: Motion,
-    memory: &'m mut [Point2],
-) -> Result<&'m [Point2], PointCapacityError> {
+pub fn hits<'m>(sweep: &Sweep<'_>, memory: &'m mut [Point2]) -> Result<&'m [Point2], PointCapacityError> {
     let capacity = memory.len();
-    let laser_displacement = robot_from_lrf.inverse() * motion.displacement * robot_from_lrf;
-    let middle = match (scan.beams.first(), scan.beams.last()) {
-        (Some(first), Some(last)) => Duration::from_micros(first.offset.micros.midpoint(last.offset.micros)),
-        _ => Duration::ZERO,
-    };
+    let middle_from_beam = sweep.middle_from_beam();
     let mut count = 0;
-    sweep::deskew(scan, middle, laser_displacement, motion.duration, |_, hit_in_lrf| {
+    for beam in sweep.scan.beams {
+        let Some(hit_in_lrf) = beam.hit_in_lrf() else { continue };
         if let Some(place) = memory.get_mut(count) {
-            *place = robot_from_lrf.transform(hit_in_lrf);
+            *place = sweep.robot_from_lrf.transform(middle_from_beam(beam).transform(hit_in_lrf));
         }
         count += 1;
-    });
+    }
     memory.get(..count).ok_or(PointCapacityError { capacity })
-}
-
-/// A displacement of the robot and the time it takes, at constant velocity.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Motion {
-    /// Of the robot.
-    pub displacement: Pose2,
-    /// The time it takes; zero if it is not known, which stands for no motion during the sweep.
-    pub duration: Duration,
 }
 
 /// Centres of gravity of `points`, in order; written to the front of `memory`.
@@ -126,7 +102,9 @@ impl Window {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::{Beam, Echo};
+    use crate::geometry::Pose2;
+    use crate::scan::{Beam, Echo, RangeScan};
+    use crate::sweep::SweepMotion;
     use crate::time::{Duration, Instant};
 
     /// A wall 0.5 m to the right of the robot, one beam a degree over 180°.
@@ -144,7 +122,7 @@ mod tests {
         memory: &'m mut [Point2],
     ) -> Result<&'m [Point2], PointCapacityError> {
         let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams };
-        hits(&scan, mounting, Motion::default(), memory)
+        hits(&Sweep::at_rest(scan, mounting), memory)
     }
 
     #[test]
@@ -181,9 +159,9 @@ mod tests {
             |millis, range| Beam { bearing_rad: 0.0, offset: Duration::from_millis(millis), echo: Echo::Hit(range) };
         let beams = [beam(0, 2.05), beam(100, 1.95)];
         let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
-        let motion = Motion { displacement: Pose2::new(0.2, 0.0, 0.0), duration: Duration::from_millis(200) };
+        let motion = SweepMotion { displacement: Pose2::new(0.2, 0.0, 0.0), duration: Duration::from_millis(200) };
         let mut memory = [Point2::default(); 2];
-        let points = hits(&scan, Pose2::IDENTITY, motion, &mut memory).unwrap();
+        let points = hits(&Sweep { scan, robot_from_lrf: Pose2::IDENTITY, motion }, &mut memory).unwrap();
         assert!(points.iter().all(|p| (*p - Point2::new(2.0, 0.0)).norm() < 1e-6), "{points:?}");
     }
 

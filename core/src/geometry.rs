@@ -27,6 +27,11 @@ impl Point2 {
         Self { x: range_m * cos, y: range_m * sin }
     }
 
+    /// Direction from the origin, counter-clockwise from +x, rad in [−π, π]; 0 at the origin itself.
+    pub fn bearing_rad(self) -> f32 {
+        libm::atan2f(self.y, self.x)
+    }
+
     /// Distance from the origin, m.
     pub fn norm(self) -> f32 {
         hypot(self.x, self.y)

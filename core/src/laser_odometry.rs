@@ -6,11 +6,12 @@
 use rand_core::Rng;
 
 use crate::de::{DeConfig, Member};
-use crate::filter::{self, FilterConfig, Motion, PointCapacityError};
+use crate::filter::{self, FilterConfig, PointCapacityError};
 use crate::geometry::{Point2, Pose2};
 use crate::matcher::{Match, MatcherConfig, Prediction, RecoveryConfig, ScanMatcher, SearchConfig};
 use crate::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtMemoryError, NdtTile};
 use crate::scan::RangeScan;
+use crate::sweep::{Sweep, SweepMotion};
 use crate::time::{Duration, Instant};
 
 crate::config_choice! {
@@ -105,6 +106,8 @@ pub struct StepReport {
     pub is_lost: bool,
     /// Points that the full pool could not take.
     pub dropped: u32,
+    /// How the robot was taken to move during the sweep.
+    pub motion: SweepMotion,
 }
 
 /// Tracks a robot by its laser alone; see the [module](self).
@@ -180,7 +183,7 @@ impl<'m> LaserOdometry<'m> {
         rng: &mut impl Rng,
     ) -> Result<StepReport, PointCapacityError> {
         let motion = self.motion_during(scan, displacement);
-        let hits = filter::hits(scan, robot_from_lrf, motion, self.hits)?;
+        let hits = filter::hits(&Sweep { scan: *scan, robot_from_lrf, motion }, self.hits)?;
         let count = filter::thin(&self.config.filter, hits, self.points)?.len();
         let hits = hits.len();
         let predicted = self.map_from_robot * displacement.unwrap_or_else(|| self.expected_step(scan, count));
@@ -211,6 +214,7 @@ impl<'m> LaserOdometry<'m> {
             is_key,
             is_lost,
             dropped,
+            motion,
         })
     }
 
@@ -235,8 +239,10 @@ impl<'m> LaserOdometry<'m> {
     /// How the robot is expected to move while `scan` is taken: at the speed of the last step.
     ///
     /// Stamps may jitter, but a step cannot have taken less time than a sweep.
-    fn motion_during(&self, scan: &RangeScan<'_>, displacement: Option<Pose2>) -> Motion {
-        let Some(last) = self.last_stamp.filter(|_| self.config.odometry.deskew) else { return Motion::default() };
+    fn motion_during(&self, scan: &RangeScan<'_>, displacement: Option<Pose2>) -> SweepMotion {
+        let Some(last) = self.last_stamp.filter(|_| self.config.odometry.deskew) else {
+            return SweepMotion::default();
+        };
         let sweep = match (scan.beams.first(), scan.beams.last()) {
             (Some(first), Some(last)) => last.offset.micros.abs_diff(first.offset.micros) as i64,
             _ => 0,
@@ -245,7 +251,7 @@ impl<'m> LaserOdometry<'m> {
             Some(displacement) => (displacement, scan.stamp.since(last)),
             None => (self.velocity, self.last_interval),
         };
-        Motion { displacement, duration: taken.max(Duration::from_micros(sweep)) }
+        SweepMotion { displacement, duration: taken.max(Duration::from_micros(sweep)) }
     }
 
     /// Matches the current points, with a wider search if the robot is not where it was expected.

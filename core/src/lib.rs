@@ -59,6 +59,7 @@ pub mod perception;
 pub mod random;
 pub mod rays;
 pub mod scan;
+pub mod slam;
 pub mod sweep;
 pub mod time;
 

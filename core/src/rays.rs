@@ -4,8 +4,8 @@
 //! farther than is believed, is a ray that passed up to the believed range.
 
 use crate::geometry::Point2;
-use crate::math::sin_cos;
-use crate::scan::{Echo, RangeScan};
+use crate::scan::Echo;
+use crate::sweep::Sweep;
 
 crate::config! {
     /// How far the beams of a scan are believed.
@@ -42,25 +42,31 @@ pub struct RayCapacityError {
     pub capacity: usize,
 }
 
-/// The usable beams of `scan` in their order, written to the front of `memory`; returns their number.
+/// The usable beams of `sweep` in their order, as they lie in the middle of it; written to the front of `memory`, returns their number.
+///
+/// A beam measured on the way is seen from where the laser is in the middle: its end stays, its length and direction follow.
 ///
 /// # Errors
 /// [`RayCapacityError`] if `memory` is too short.
-pub fn rays_of(config: &RayConfig, scan: &RangeScan<'_>, memory: &mut [Ray]) -> Result<usize, RayCapacityError> {
+pub fn rays_of(config: &RayConfig, sweep: &Sweep<'_>, memory: &mut [Ray]) -> Result<usize, RayCapacityError> {
     let capacity = memory.len();
+    let middle_from_beam = sweep.middle_from_beam();
     let mut written = 0;
-    for beam in scan.beams {
+    for beam in sweep.scan.beams {
         let (length_m, hit) = match beam.echo {
             Echo::Hit(range_m) if range_m <= config.range_max_m => (range_m, true),
             Echo::Hit(range_m) if range_m.is_finite() => (config.range_max_m, false),
-            Echo::Miss => (config.miss_range_m.min(scan.range_max_m), false),
+            Echo::Miss => (config.miss_range_m.min(sweep.scan.range_max_m), false),
             Echo::Hit(_) | Echo::Invalid => continue,
         };
         if length_m > 0.0 && beam.bearing_rad.is_finite() {
-            let (sin, cos) = sin_cos(beam.bearing_rad);
-            let slot = memory.get_mut(written).ok_or(RayCapacityError { capacity })?;
-            *slot = Ray { direction: Point2::new(cos, sin), length_m, hit };
-            written += 1;
+            let end = middle_from_beam(beam).transform(Point2::from_polar(length_m, beam.bearing_rad));
+            let length_m = end.norm();
+            if length_m > 0.0 {
+                let slot = memory.get_mut(written).ok_or(RayCapacityError { capacity })?;
+                *slot = Ray { direction: end * (1.0 / length_m), length_m, hit };
+                written += 1;
+            }
         }
     }
     Ok(written)
@@ -69,7 +75,8 @@ pub fn rays_of(config: &RayConfig, scan: &RangeScan<'_>, memory: &mut [Ray]) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::Beam;
+    use crate::geometry::Pose2;
+    use crate::scan::{Beam, RangeScan};
     use crate::time::{Duration, Instant};
 
     #[test]
@@ -77,6 +84,7 @@ mod tests {
         let beam = |echo| Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo };
         let beams = [Echo::Hit(2.0), Echo::Hit(50.0), Echo::Miss, Echo::Invalid, Echo::Hit(f32::NAN)].map(beam);
         let scan = RangeScan { stamp: Instant::default(), range_max_m: 80.0, beams: &beams };
+        let scan = Sweep::at_rest(scan, Pose2::IDENTITY);
         let mut memory = [Ray::default(); 4];
         assert_eq!(rays_of(&RayConfig::default(), &scan, &mut memory), Ok(3));
         let seen = memory.map(|ray| (ray.length_m, ray.hit));

@@ -1,8 +1,8 @@
 //! What motion does to a scan: the speeds a laser's rate allows, and the correction of each beam for the motion during
 //! the sweep.
 
-use crate::geometry::{Point2, Pose2};
-use crate::scan::RangeScan;
+use crate::geometry::Pose2;
+use crate::scan::{Beam, RangeScan};
 use crate::time::Duration;
 
 /// Fastest motion at which a scan may be taken as a snapshot.
@@ -50,35 +50,58 @@ impl SpeedLimits {
     }
 }
 
-/// Where the hits of `scan` are in the laser's frame `at` the time after the scan's stamp, if the laser moves by `displacement` every `dt` at a constant
-/// velocity: calls `point` with the beam's index and its end point, for every hit.
+/// A displacement of the robot and the time it takes, at constant velocity.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct SweepMotion {
+    /// Of the robot.
+    pub displacement: Pose2,
+    /// The time it takes; zero if it is not known, which stands for no motion during the sweep.
+    pub duration: Duration,
+}
+
+/// A scan and how the robot carried the laser while it was taken: what is needed to place its beams.
 ///
-/// The pose at a beam's offset is `displacement` scaled: position and heading each linear in time, which within one sweep
-/// differs from the arc by less than v·ω·t²/2 (0.3 mm at 1 m/s, 1 rad/s, 25 ms). With `dt` not positive, or no motion, the points are those of
-/// the beams.
-pub fn deskew(
-    scan: &RangeScan<'_>,
-    at: Duration,
-    displacement: Pose2,
-    dt: Duration,
-    mut point: impl FnMut(usize, Point2),
-) {
-    let seconds = dt.as_secs_f32();
-    let scale = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
-    for (index, beam) in scan.beams.iter().enumerate() {
-        let Some(hit_in_lrf) = beam.hit_in_lrf() else {
-            continue;
+/// Beams are placed where they lie in the middle of the sweep, not at its start: an error of the motion would then turn the whole
+/// scan, its match would have the opposite error, and the next motion again the opposite, without end.
+#[derive(Debug, Clone, Copy)]
+pub struct Sweep<'a> {
+    /// The beams.
+    pub scan: RangeScan<'a>,
+    /// Where the laser sits on the robot.
+    pub robot_from_lrf: Pose2,
+    /// How the robot moves meanwhile.
+    pub motion: SweepMotion,
+}
+
+impl<'a> Sweep<'a> {
+    /// A scan taken by a robot that stands still, or that is taken for a snapshot.
+    pub fn at_rest(scan: RangeScan<'a>, robot_from_lrf: Pose2) -> Self {
+        Self { scan, robot_from_lrf, motion: SweepMotion::default() }
+    }
+
+    /// Tells for each beam the laser's pose at that beam's time, seen from its pose in the middle of the sweep.
+    ///
+    /// The motion is scaled: position and heading each linear in time, which within one sweep differs from the arc by less
+    /// than v·ω·t²/2 (0.3 mm at 1 m/s, 1 rad/s, 25 ms). Without motion it is the identity.
+    pub fn middle_from_beam(&self) -> impl Fn(&Beam) -> Pose2 + use<> {
+        let Pose2 { x, y, heading } = self.robot_from_lrf.inverse() * self.motion.displacement * self.robot_from_lrf;
+        let middle = match (self.scan.beams.first(), self.scan.beams.last()) {
+            (Some(first), Some(last)) => Duration::from_micros(first.offset.micros.midpoint(last.offset.micros)),
+            _ => Duration::ZERO,
         };
-        let part = (beam.offset.as_secs_f32() - at.as_secs_f32()) * scale;
-        let stamp_from_beam = Pose2::new(displacement.x * part, displacement.y * part, displacement.heading * part);
-        point(index, stamp_from_beam.transform(hit_in_lrf));
+        let seconds = self.motion.duration.as_secs_f32();
+        let scale = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
+        move |beam| {
+            let part = (beam.offset.as_secs_f32() - middle.as_secs_f32()) * scale;
+            Pose2::new(x * part, y * part, heading * part)
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::{Beam, Echo};
+    use crate::scan::Echo;
     use crate::time::Instant;
     use std::vec::Vec;
 
@@ -101,7 +124,8 @@ mod tests {
         let beams: Vec<Beam> = (0..60)
             .map(|index| {
                 let offset = Duration::from_micros(index * 1500);
-                let part = offset.as_secs_f32() / dt.as_secs_f32();
+                // The middle of the sweep is 29.5 beams after its start.
+                let part = (offset.as_secs_f32() - 29.5 * 0.0015) / dt.as_secs_f32();
                 let (bearing_rad, heading) = (0.8 + 0.02 * index as f32, motion.heading * part);
                 let range = 2.0 / libm::sinf(bearing_rad + heading);
                 Beam { bearing_rad, offset, echo: Echo::Hit(range) }
@@ -110,20 +134,15 @@ mod tests {
         let scan = RangeScan { stamp: Instant::default(), range_max_m: 30.0, beams: &beams };
         let worst = |displacement| {
             let mut worst = 0.0_f32;
-            deskew(&scan, Duration::ZERO, displacement, dt, |_, point| worst = worst.max((point.y - 2.0).abs()));
+            let motion = SweepMotion { displacement, duration: dt };
+            let middle_from_beam = Sweep { scan, robot_from_lrf: Pose2::IDENTITY, motion }.middle_from_beam();
+            for beam in &beams {
+                let point = middle_from_beam(beam).transform(beam.hit_in_lrf().unwrap());
+                worst = worst.max((point.y - 2.0).abs());
+            }
             worst
         };
         assert!(worst(motion) < 1e-4, "{}", worst(motion));
         assert!(worst(Pose2::IDENTITY) > 0.1);
-    }
-
-    #[test]
-    fn misses_are_left_out() {
-        let beam = |echo| Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo };
-        let beams = [beam(Echo::Miss), beam(Echo::Hit(1.0)), beam(Echo::Invalid)];
-        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
-        let mut indices = Vec::new();
-        deskew(&scan, Duration::ZERO, Pose2::IDENTITY, Duration::ZERO, |index, _| indices.push(index));
-        assert_eq!(indices, [1]);
     }
 }

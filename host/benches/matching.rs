@@ -7,10 +7,11 @@ use std::path::Path;
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use lrfslam_core::de::{DeConfig, Member};
-use lrfslam_core::filter::{FilterConfig, Motion, hits, thin};
+use lrfslam_core::filter::{FilterConfig, hits, thin};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::matcher::{MatcherConfig, Prediction, ScanMatcher, SearchConfig};
 use lrfslam_core::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtTile};
+use lrfslam_core::sweep::Sweep;
 use lrfslam_host::log::{LogOptions, LogReader};
 use rand_core::SeedableRng as _;
 use rand_pcg::Pcg32;
@@ -38,7 +39,7 @@ fn pairs() -> Vec<Pair> {
     let scans: Vec<_> = log.filter_map(Result::ok).collect();
     let points = |index: usize, radius_m| {
         let (mut raw, mut memory) = (vec![Point2::default(); 400], vec![Point2::default(); 400]);
-        let hits = hits(&scans[index].scan(), Pose2::IDENTITY, Motion::default(), &mut raw);
+        let hits = hits(&Sweep::at_rest(scans[index].scan(), Pose2::IDENTITY), &mut raw);
         let kept = hits.and_then(|hits| thin(&FilterConfig { radius_m }, hits, &mut memory));
         kept.map(<[_]>::to_vec).unwrap_or_default()
     };

@@ -9,11 +9,17 @@ use std::path::Path;
 
 use lrfslam_core::config::{ConfigError, Section};
 use lrfslam_core::de::DeConfig;
+use lrfslam_core::distributed_map::ParticleMapConfig;
 use lrfslam_core::filter::FilterConfig;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::laser_odometry::{LaserOdometryConfig, OdometryConfig};
+use lrfslam_core::low_slam::{LowSlamConfig, LowSlamConfigs, RefinementConfig};
 use lrfslam_core::matcher::{MatcherConfig, RecoveryConfig, SearchConfig};
+use lrfslam_core::motion::ScanMatchingMotionConfig;
 use lrfslam_core::ndt::NdtConfig;
+use lrfslam_core::perception::PerceptionConfig;
+use lrfslam_core::rays::RayConfig;
+use lrfslam_core::slam::StepConfig;
 use lrfslam_core::time::Duration;
 use serde::{Deserialize, Serialize};
 
@@ -57,6 +63,14 @@ lrfslam_core::config! {
     }
 }
 
+lrfslam_core::config! {
+    /// Levels of SLAM.
+    pub struct HierarchyConfig {
+        /// 0: scan matching alone. 1: particles over whole maps, DP-SLAM's low level.
+        levels: u16 = 1, in 0..=1;
+    }
+}
+
 /// Declares the sections of the configuration, in the order in which they are printed.
 macro_rules! run_config {
     ($( $(#[doc = $doc:literal])* $name:ident : $section:ty, )*) => {
@@ -96,6 +110,22 @@ run_config! {
     odometry: OdometryConfig,
     /// When lost.
     recovery: RecoveryConfig,
+    /// Levels of SLAM.
+    hierarchy: HierarchyConfig,
+    /// When the particle filter takes a step.
+    steps: StepConfig,
+    /// Motion of the particles.
+    motion: ScanMatchingMotionConfig,
+    /// Particle filter.
+    particles: LowSlamConfig,
+    /// Maps of the particles.
+    particle_map: ParticleMapConfig,
+    /// Beams that particles look at.
+    rays: RayConfig,
+    /// Weights of the particles.
+    perception: PerceptionConfig,
+    /// Improved proposal of the particles.
+    refinement: RefinementConfig,
     /// Memory.
     memory: MemoryConfig,
     /// When the robot is too fast.
@@ -221,6 +251,17 @@ impl RunConfig {
         }
     }
 
+    /// The part that core's particle filter works with.
+    pub fn low_slam(&self) -> LowSlamConfigs {
+        LowSlamConfigs {
+            filter: self.particles,
+            map: self.particle_map,
+            rays: self.rays,
+            perception: self.perception,
+            refinement: self.refinement,
+        }
+    }
+
     /// The configured mounting of the laser, for logs that do not tell it.
     pub fn robot_from_lrf(&self) -> Pose2 {
         let mounting = &self.mounting;
@@ -315,7 +356,7 @@ mod tests {
         assert!(error("map.cell=1").contains("--set map.cell=1: unknown field `cell`"));
         assert!(
             error("mapp.cell_size_m=1")
-                .contains("there is no section `mapp`, expected one of de, filter, log, map, matcher")
+                .contains("there is no section `mapp`, expected one of de, filter, hierarchy, log, map, matcher")
         );
         assert!(error("cell_size_m").contains("expected section.key=value"));
         assert!(error("map.cell_size_m=wide").contains("invalid type"));

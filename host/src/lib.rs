@@ -5,12 +5,14 @@
 //! compares a trajectory with ground truth.
 #![forbid(unsafe_code)]
 
+pub mod calibration;
 pub mod cli;
 pub mod cloud;
 pub mod config;
 pub mod driver;
 pub mod evaluation;
 pub mod experiment;
+pub mod genealogy;
 pub mod link;
 pub mod live;
 pub mod log;
@@ -23,6 +25,8 @@ pub mod picture;
 pub mod pose_f64;
 pub mod recording;
 pub mod run_report;
+pub mod scan_store;
+pub mod step_table;
 pub mod table;
 pub mod text_input;
 pub mod trajectory;

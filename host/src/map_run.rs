@@ -8,8 +8,10 @@ use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::laser_odometry::StepReport;
 use lrfslam_core::scan::{Echo, RangeScan};
+use lrfslam_core::slam::StepReport;
+use lrfslam_core::sweep::Sweep;
+use lrfslam_core::time::Instant;
 
 use crate::config::RunConfig;
 use crate::map_io::{PGM_SIDE_MAX, write_map};
@@ -18,7 +20,17 @@ use crate::occupancy_map::OccupancyMap;
 use crate::output::{PendingFile, write_file};
 use crate::picture::write_picture;
 use crate::run_report::{BeamCounts, Cost, Program, RunReport, Source, peak_memory_bytes};
+use crate::scan_store::ScanStore;
+use crate::step_table::StepTable;
 use crate::trajectory::TimedPose;
+
+/// Where the robot was at a scan, seen from where it was at a step of the filter; of matching alone, from the origin.
+#[derive(Debug, Clone, Copy)]
+struct ScanPlace {
+    stamp: Instant,
+    step: usize,
+    step_from_robot: Pose2,
+}
 
 /// See the [module](self).
 #[derive(Debug)]
@@ -27,9 +39,14 @@ pub struct MapRun<'m> {
     seed: u64,
     out: PathBuf,
     mapper: Mapper<'m>,
+    /// Drawn on the way by matching alone, whose path does not change.
     map: OccupancyMap,
+    /// Drawn at the end, from where the best particle was.
+    scans: ScanStore,
     trajectory_file: PendingFile,
-    trajectory: Vec<TimedPose>,
+    places: Vec<ScanPlace>,
+    steps: StepTable,
+    map_from_step: Pose2,
     beams: BeamCounts,
     working: WallDuration,
 }
@@ -49,8 +66,11 @@ impl<'m> MapRun<'m> {
             out: out.to_owned(),
             mapper: Mapper::new(config, seed, memory)?,
             map: OccupancyMap::new(config.map),
+            scans: ScanStore::default(),
             trajectory_file,
-            trajectory: Vec::new(),
+            places: Vec::new(),
+            steps: StepTable::default(),
+            map_from_step: Pose2::IDENTITY,
             beams: BeamCounts::default(),
             working: WallDuration::ZERO,
         })
@@ -70,22 +90,34 @@ impl<'m> MapRun<'m> {
         odometry: Option<Pose2>,
     ) -> anyhow::Result<StepReport> {
         let started = WallInstant::now();
-        let step = self.mapper.add_scan(scan, robot_from_lrf, odometry)?;
-        let map_from_robot = step.matched.map_from_robot;
-        if !step.is_lost {
-            self.map.insert(scan, map_from_robot * robot_from_lrf);
+        let (step, times) = self.mapper.add_scan(scan, robot_from_lrf, odometry)?;
+        if let Some(filter) = &step.filter {
+            self.scans.add(&Sweep { scan: *scan, robot_from_lrf, motion: step.odometry.motion });
+            self.steps.add(scan.stamp, self.places.len(), filter, &times);
+            self.map_from_step = step.map_from_robot;
+        } else if !self.mapper.has_particles() && !step.odometry.is_lost {
+            self.map.insert(scan, step.map_from_robot * robot_from_lrf);
         }
+        let step_from_robot = self.map_from_step.between(step.map_from_robot);
+        self.places.push(ScanPlace { stamp: scan.stamp, step: self.scans.len().saturating_sub(1), step_from_robot });
         self.beams.add(scan);
-        let pose = TimedPose { stamp: scan.stamp, map_from_robot };
-        self.trajectory.push(pose);
-        pose.write_tum(&mut self.trajectory_file).with_context(|| cannot_write(&self.out.join("trajectory.tum")))?;
         self.working += started.elapsed();
         Ok(step)
     }
 
+    /// Where the robot was at every scan, as the best particle now remembers it.
+    pub fn trajectory(&self) -> Vec<TimedPose> {
+        let path = self.mapper.path();
+        let pose = |place: &ScanPlace| {
+            let map_from_step = path.get(place.step).copied().unwrap_or(Pose2::IDENTITY);
+            TimedPose { stamp: place.stamp, map_from_robot: map_from_step * place.step_from_robot }
+        };
+        self.places.iter().map(pose).collect()
+    }
+
     /// Scans mapped so far.
     pub fn scans(&self) -> usize {
-        self.trajectory.len()
+        self.places.len()
     }
 
     /// Where the results go.
@@ -100,9 +132,22 @@ impl<'m> MapRun<'m> {
     ///
     /// # Errors
     /// If a file cannot be written.
-    pub fn finish(self, source: Source, odometry: bool, fault: Option<&anyhow::Error>) -> anyhow::Result<RunReport> {
+    pub fn finish(
+        mut self,
+        source: Source,
+        odometry: bool,
+        fault: Option<&anyhow::Error>,
+    ) -> anyhow::Result<RunReport> {
+        let started = WallInstant::now();
+        let trajectory = self.trajectory();
+        self.draw();
+        self.working += started.elapsed();
         let report = self.report(source, odometry, fault);
-        let Self { out, map, config, trajectory, trajectory_file, .. } = self;
+        let Self { out, map, config, steps, mut trajectory_file, .. } = self;
+        for pose in &trajectory {
+            pose.write_tum(&mut trajectory_file).with_context(|| cannot_write(&out.join("trajectory.tum")))?;
+        }
+        steps.write(&out.join("steps.csv"))?;
         trajectory_file.finish().with_context(|| cannot_write(&out.join("trajectory.tum")))?;
         // Without a known cell there is nothing to draw; the report says how many beams hit.
         if let Some(raster) = map.raster(PGM_SIDE_MAX) {
@@ -118,6 +163,16 @@ impl<'m> MapRun<'m> {
         Ok(report)
     }
 
+    /// Draws the kept scans from the best particle's path.
+    fn draw(&mut self) {
+        let mut beams = Vec::new();
+        for (index, map_from_robot) in self.mapper.path().into_iter().enumerate() {
+            if let Some(sweep) = self.scans.sweep(index, &mut beams) {
+                self.map.insert(&sweep.scan, map_from_robot * sweep.robot_from_lrf);
+            }
+        }
+    }
+
     fn report(&self, source: Source, odometry: bool, fault: Option<&anyhow::Error>) -> RunReport {
         RunReport {
             program: Program::THIS,
@@ -127,6 +182,7 @@ impl<'m> MapRun<'m> {
             odometry,
             beams: self.beams,
             matching: self.mapper.counts(),
+            particles: self.steps.summary(),
             cost: self.cost(),
             partial: fault.is_some(),
             fault: fault.map(|error| format!("{error:#}")),
@@ -134,12 +190,12 @@ impl<'m> MapRun<'m> {
     }
 
     fn cost(&self) -> Cost {
-        let ends = self.trajectory.first().zip(self.trajectory.last());
+        let ends = self.places.first().zip(self.places.last());
         let wall_s = self.working.as_secs_f64();
         Cost {
-            scans: self.trajectory.len() as u64,
+            scans: self.places.len() as u64,
             wall_s,
-            scans_per_s: self.trajectory.len() as f64 / wall_s.max(1e-6),
+            scans_per_s: self.places.len() as f64 / wall_s.max(1e-6),
             driven_s: ends.map_or(0.0, |(first, last)| last.stamp.since(first.stamp).micros as f64 / 1e6),
             peak_memory_bytes: peak_memory_bytes(),
         }

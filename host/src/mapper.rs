@@ -1,72 +1,50 @@
 //! The seam between a stream of scans and the SLAM: scans in, poses of the robot out.
 
-use lrfslam_core::de::Member;
-use lrfslam_core::filter::PointCapacityError;
-use lrfslam_core::geometry::{Point2, Pose2};
-use lrfslam_core::laser_odometry::{KeyScan, LaserOdometry, OdometryMemory, Reference, StepReport};
-use lrfslam_core::ndt::{DirectoryEntry, NdtMemoryError, NdtTile};
+use lrfslam_core::distributed_map::{Window, WindowMemoryError};
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::laser_odometry::{self, LaserOdometry};
+use lrfslam_core::low_slam::{LowSlam, LowSlamMemoryError, Weighing};
+use lrfslam_core::ndt::NdtMemoryError;
+use lrfslam_core::particles::Sample;
 use lrfslam_core::scan::RangeScan;
+use lrfslam_core::slam::{ScanCapacityError, Slam, StepReport};
 use rand_core::SeedableRng as _;
 use rand_pcg::Pcg32;
 use serde::Serialize;
+use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use crate::config::RunConfig;
+use crate::genealogy::Genealogy;
 
-lrfslam_core::config! {
-    /// Memory, fixed from the start.
-    pub struct MemoryConfig {
-        /// Tiles of 8 × 8 NDT cells (3 kB each), for all overlapping grids together.
-        ndt_tiles: u16 = 8192, in 16..=65535;
-        /// Points of one scan.
-        scan_points: u16 = 4096, in 64..=65535;
-    }
-}
+mod memory;
 
-/// Tiles along the side of the NDT's directory: 614 m of cells of 0.3 m before places are told apart no more.
-const DIRECTORY_SIDE: usize = 256;
-
-/// The memory that a [`Mapper`] works in.
-#[derive(Debug)]
-pub struct MapperMemory {
-    directory: Vec<DirectoryEntry>,
-    tiles: Vec<NdtTile>,
-    population: Vec<Member<3>>,
-    points: Vec<Point2>,
-    hits: Vec<Point2>,
-    key_points: Vec<Point2>,
-    key_scans: Vec<KeyScan>,
-}
-
-impl MapperMemory {
-    /// As much as `config` says; it does not grow.
-    pub fn new(config: &RunConfig) -> Self {
-        let layers = if config.ndt.overlapping { 4 } else { 1 };
-        let population = config.de.population.max(config.recovery.population);
-        let points = usize::from(config.memory.scan_points);
-        let key_scans = match config.odometry.reference {
-            Reference::WholeMap => 0,
-            Reference::PreviousScan => 1,
-            Reference::RecentScans => usize::from(config.odometry.recent_scans),
-        };
-        Self {
-            directory: vec![DirectoryEntry::default(); layers * DIRECTORY_SIDE * DIRECTORY_SIDE],
-            tiles: vec![NdtTile::EMPTY; usize::from(config.memory.ndt_tiles)],
-            population: vec![Member::EMPTY; usize::from(population)],
-            points: vec![Point2::default(); points],
-            hits: vec![Point2::default(); points],
-            key_points: vec![Point2::default(); points * key_scans],
-            key_scans: vec![KeyScan::default(); key_scans],
-        }
-    }
-}
+pub use memory::{MapperMemory, MemoryConfig};
+use memory::{SIDE, WindowSlots};
 
 /// Turns scans into poses.
 #[derive(Debug)]
 pub struct Mapper<'m> {
-    odometry: LaserOdometry<'m>,
+    engine: Engine<'m>,
     rng: Pcg32,
     last_odometry: Option<Pose2>,
     counts: MatchCounts,
+}
+
+#[derive(Debug)]
+enum Engine<'m> {
+    /// Matching alone.
+    Matcher(Box<LaserOdometry<'m>>),
+    /// Particles over whole maps.
+    DpSlam(Box<DpSlam<'m>>),
+}
+
+#[derive(Debug)]
+struct DpSlam<'m> {
+    slam: Slam<'m, SIDE>,
+    /// One window for each thread.
+    windows: &'m mut [WindowSlots],
+    genealogy: Genealogy,
+    best: usize,
 }
 
 /// How the matching went, over a run.
@@ -87,7 +65,7 @@ pub struct MatchCounts {
 }
 
 impl MatchCounts {
-    fn add(&mut self, step: &StepReport) {
+    fn add(&mut self, step: &laser_odometry::StepReport) {
         self.lost_scans += u64::from(step.is_lost);
         self.undetermined_scans += u64::from(step.matched.undetermined.is_some());
         self.key_scans += u64::from(step.is_key);
@@ -97,27 +75,50 @@ impl MatchCounts {
     }
 }
 
+/// Where the time of one scan went.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct StageTimes {
+    /// Matching the scan, and moving the particles.
+    pub matching: WallDuration,
+    /// Weighing the particles.
+    pub weighing: WallDuration,
+    /// Resampling, and printing the scan into the particles' maps.
+    pub printing: WallDuration,
+}
+
+/// The memory lent to a [`Mapper`] does not fit its configuration.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MapperMemoryError {
+    /// That of the matcher.
+    #[error(transparent)]
+    Ndt(#[from] NdtMemoryError),
+    /// That of the particles.
+    #[error(transparent)]
+    Particles(#[from] LowSlamMemoryError),
+    /// Its windows.
+    #[error(transparent)]
+    Window(#[from] WindowMemoryError),
+}
+
 impl<'m> Mapper<'m> {
     /// A mapper that has seen nothing; `seed` starts its random numbers.
     ///
     /// # Errors
     /// If the memory does not fit the configuration.
-    pub fn new(config: &RunConfig, seed: u64, memory: &'m mut MapperMemory) -> Result<Self, NdtMemoryError> {
-        let lent = OdometryMemory {
-            directory: &mut memory.directory,
-            tiles: &mut memory.tiles,
-            population: &mut memory.population,
-            points: &mut memory.points,
-            hits: &mut memory.hits,
-            key_points: &mut memory.key_points,
-            key_scans: &mut memory.key_scans,
+    pub fn new(config: &RunConfig, seed: u64, memory: &'m mut MapperMemory) -> Result<Self, MapperMemoryError> {
+        let MapperMemory { odometry, particles } = memory;
+        let odometry = LaserOdometry::new(&config.laser_odometry(), odometry.lend())?;
+        let engine = match particles {
+            None => Engine::Matcher(Box::new(odometry)),
+            Some(memory) => {
+                let (lent, windows) = memory.lend();
+                let filter = LowSlam::new(&config.low_slam(), seed, lent)?;
+                let slam = Slam::new(&config.steps, &config.motion, odometry, filter);
+                Engine::DpSlam(Box::new(DpSlam { slam, windows, genealogy: Genealogy::default(), best: 0 }))
+            }
         };
-        Ok(Self {
-            odometry: LaserOdometry::new(&config.laser_odometry(), lent)?,
-            rng: Pcg32::seed_from_u64(seed),
-            last_odometry: None,
-            counts: MatchCounts::default(),
-        })
+        Ok(Self { engine, rng: Pcg32::seed_from_u64(seed), last_odometry: None, counts: MatchCounts::default() })
     }
 
     /// Takes the next scan.
@@ -126,22 +127,95 @@ impl<'m> Mapper<'m> {
     /// * `odometry` — the robot's pose by its odometry, if that is to be the prediction
     ///
     /// # Errors
-    /// If the scan has more points than there is memory for.
+    /// If the scan has more points or beams than there is memory for.
     pub fn add_scan(
         &mut self,
         scan: &RangeScan<'_>,
         robot_from_lrf: Pose2,
         odometry: Option<Pose2>,
-    ) -> Result<StepReport, PointCapacityError> {
+    ) -> Result<(StepReport, StageTimes), ScanCapacityError> {
         let displacement = self.last_odometry.zip(odometry).map(|(last, now)| last.between(now));
-        let step = self.odometry.step(scan, robot_from_lrf, displacement, &mut self.rng)?;
+        let started = WallInstant::now();
+        let done = match &mut self.engine {
+            Engine::Matcher(matcher) => {
+                let odometry = matcher.step(scan, robot_from_lrf, displacement, &mut self.rng)?;
+                let step = StepReport { map_from_robot: odometry.matched.map_from_robot, odometry, filter: None };
+                (step, StageTimes { matching: started.elapsed(), ..StageTimes::default() })
+            }
+            Engine::DpSlam(engine) => engine.add_scan(scan, robot_from_lrf, displacement, &mut self.rng)?,
+        };
         self.last_odometry = odometry;
-        self.counts.add(&step);
-        Ok(step)
+        self.counts.add(&done.0.odometry);
+        Ok(done)
+    }
+
+    /// Poses of the best particle at every step that the filter took, its own history; empty for matching alone.
+    pub fn path(&self) -> Vec<Pose2> {
+        match &self.engine {
+            Engine::Matcher(_) => Vec::new(),
+            Engine::DpSlam(engine) => engine.genealogy.path(engine.best),
+        }
+    }
+
+    /// True if particles correct what matching finds.
+    pub fn has_particles(&self) -> bool {
+        matches!(self.engine, Engine::DpSlam(_))
     }
 
     /// How the matching went so far.
     pub fn counts(&self) -> MatchCounts {
         self.counts
     }
+}
+
+impl DpSlam<'_> {
+    fn add_scan(
+        &mut self,
+        scan: &RangeScan<'_>,
+        robot_from_lrf: Pose2,
+        displacement: Option<Pose2>,
+        rng: &mut Pcg32,
+    ) -> Result<(StepReport, StageTimes), ScanCapacityError> {
+        let started = WallInstant::now();
+        let mut weighed = None;
+        let windows = &mut *self.windows;
+        let step = self.slam.step_with(scan, robot_from_lrf, displacement, rng, |weighing, samples, own| {
+            let begun = WallInstant::now();
+            weigh_on_threads(weighing, samples, own, windows);
+            weighed = Some((begun, WallInstant::now()));
+        })?;
+        if let Some(filter) = &step.filter {
+            self.genealogy.add(self.slam.filter().particles());
+            self.best = filter.best;
+        }
+        let times = match weighed {
+            None => StageTimes { matching: started.elapsed(), ..StageTimes::default() },
+            Some((begun, ended)) => {
+                StageTimes { matching: begun - started, weighing: ended - begun, printing: ended.elapsed() }
+            }
+        };
+        Ok((step, times))
+    }
+}
+
+/// Shares the particles out to the calling thread, which uses `own`, and one for each of `windows`.
+fn weigh_on_threads(
+    weighing: &Weighing<'_, '_, SIDE>,
+    samples: &mut [Sample],
+    own: &mut Window<'_>,
+    windows: &mut [WindowSlots],
+) {
+    let parts = windows.len() + 1;
+    std::thread::scope(|scope| {
+        let mut rest = samples;
+        for (part, slots) in windows.iter_mut().enumerate() {
+            let range = weighing.share(part, parts);
+            let (its, others) = rest.split_at_mut(weighing.samples_of(range.clone()));
+            rest = others;
+            // Slots that `Window::new` does not take are found out when the filter is made: they are as many there.
+            let Ok(mut window) = Window::new(slots) else { continue };
+            scope.spawn(move || weighing.weigh(range, its, &mut window));
+        }
+        weighing.weigh(weighing.share(parts - 1, parts), rest, own);
+    });
 }

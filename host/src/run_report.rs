@@ -10,6 +10,7 @@ use sha2::{Digest, Sha256};
 use crate::config::RunConfig;
 use crate::log::{LogCounts, LogFormat};
 use crate::mapper::MatchCounts;
+use crate::step_table::ParticleSummary;
 
 /// Everything needed to judge and to repeat a run.
 #[derive(Debug, Clone, Serialize)]
@@ -29,6 +30,8 @@ pub struct RunReport {
     pub beams: BeamCounts,
     /// How the matching went.
     pub matching: MatchCounts,
+    /// How the particles did; none with matching alone.
+    pub particles: Option<ParticleSummary>,
     /// Time spent and memory used.
     pub cost: Cost,
     /// The log was not read to its end: results stop at the fault.

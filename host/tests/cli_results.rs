@@ -18,7 +18,7 @@ fn map_writes_all_its_results() {
     let out = folder.path().join("hall-map");
     let mut names: Vec<_> = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
-    assert_eq!(names, ["map.pgm", "map.png", "map.yaml", "run.json", "trajectory.tum"]);
+    assert_eq!(names, ["map.pgm", "map.png", "map.yaml", "run.json", "steps.csv", "trajectory.tum"]);
     assert_eq!(fs::read_to_string(out.join("trajectory.tum")).unwrap().lines().count(), 40);
     assert!(fs::read_to_string(out.join("map.yaml")).unwrap().contains("resolution: 0.100000"));
     assert!(fs::read(out.join("map.pgm")).unwrap().starts_with(b"P5\n"));
@@ -28,6 +28,57 @@ fn map_writes_all_its_results() {
     assert_eq!((&report["seed"], &report["odometry"], &report["partial"]), (&1.into(), &true.into(), &false.into()));
     assert_eq!((&report["log"]["scans"], &report["input"]["name"]), (&40.into(), &"hall.log".into()));
     assert_eq!(report["input"]["sha256"].as_str().unwrap().len(), 64);
+}
+
+/// A robot that drives through a hall, its laser first ahead of it.
+fn drive_log(folder: &std::path::Path) {
+    let log: String = (0..60).map(|i| flaser(i, 180)).collect();
+    fs::write(folder.join("hall.log"), log).unwrap();
+}
+
+#[test]
+fn threads_change_nothing_and_particles_do() {
+    let folder = tempfile::tempdir().unwrap();
+    drive_log(folder.path());
+    let results = |flags: &[&str]| {
+        let arguments = [&["map", "hall.log", "--out", "out", "-q"], flags].concat();
+        assert_eq!(run(folder.path(), &arguments), (0, String::new(), String::new()));
+        let out = folder.path().join("out");
+        (fs::read(out.join("trajectory.tum")).unwrap(), fs::read(out.join("map.pgm")).unwrap())
+    };
+    let spread = ["--set", "motion.forward_m=0.01"];
+    let on = |threads| results(&[&["--particles", "30", "--threads", threads], &spread[..]].concat());
+    let one = on("1");
+    assert_eq!(one, on("2"));
+    assert_eq!(one, on("7"));
+    assert_ne!(one.0, results(&[&["--particles", "31"], &spread[..]].concat()).0);
+}
+
+#[test]
+fn matching_alone_takes_no_steps_of_the_filter() {
+    let folder = tempfile::tempdir().unwrap();
+    drive_log(folder.path());
+    run(folder.path(), &["map", "hall.log", "--out", "out", "--matcher-only"]);
+    let out = folder.path().join("out");
+    assert!(!out.join("steps.csv").exists());
+    let report: serde_json::Value = serde_json::from_slice(&fs::read(out.join("run.json")).unwrap()).unwrap();
+    assert!(report["particles"].is_null());
+    assert_eq!(report["config"]["hierarchy"]["levels"], 0);
+}
+
+#[test]
+fn calibration_is_a_configuration() {
+    let folder = tempfile::tempdir().unwrap();
+    drive_log(folder.path());
+    run(folder.path(), &["map", "hall.log", "--out", "out", "-q"]);
+    let arguments = ["calibrate", "hall.log", "--truth", "out/trajectory.tum", "--out", "motion.toml"];
+    assert_eq!(run(folder.path(), &arguments), (0, String::new(), String::new()));
+    let text = fs::read_to_string(folder.path().join("motion.toml")).unwrap();
+    assert!(text.contains("[motion]\nforward_m = 0.00"), "{text}");
+    let (code, _, stderr) = run(folder.path(), &["map", "hall.log", "--config", "motion.toml"]);
+    assert_eq!((code, stderr.as_str()), (0, ""));
+    let (code, _, stderr) = run(folder.path(), &["calibrate", "hall.log"]);
+    assert!(code == 2 && stderr.contains("--relations"), "{code} {stderr}");
 }
 
 #[test]

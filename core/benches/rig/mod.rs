@@ -10,6 +10,7 @@ use lrfslam_core::particles::{Particle, Sample};
 use lrfslam_core::random::RandomStream;
 use lrfslam_core::rays::Ray;
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
+use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::{Duration, Instant};
 
 pub const SIDE: usize = 16;
@@ -32,7 +33,7 @@ pub fn filter(config: &LowSlamConfigs, tiles: usize) -> LowSlam<'static, SIDE> {
         rays: vec![Ray::default(); 1100].leak(),
         window: vec![TileId::NONE; 32 * 32].leak(),
     };
-    LowSlam::new(config, Pose2::IDENTITY, 1, memory).expect("memory fits together")
+    LowSlam::new(config, 1, memory).expect("memory fits together")
 }
 
 /// Range from `from` in direction `angle`: walls at y = ±2 m, a pillar every 3 m, now on this side, now on that.
@@ -68,8 +69,8 @@ pub fn beams_at(pose: Pose2, step: u32) -> Vec<Beam> {
         .collect()
 }
 
-pub fn as_scan(beams: &[Beam]) -> RangeScan<'_> {
-    RangeScan { stamp: Instant::default(), range_max_m: RANGE_MAX_M, beams }
+pub fn as_sweep(beams: &[Beam]) -> Sweep<'_> {
+    Sweep::at_rest(RangeScan { stamp: Instant::default(), range_max_m: RANGE_MAX_M, beams }, Pose2::IDENTITY)
 }
 
 /// Where the robot is at a step: along the corridor, swaying.

@@ -38,7 +38,7 @@ crate::config! {
     /// Maps of the particles (thesis 3.2.3).
     pub struct ParticleMapConfig {
         /// Side of a square, m. The original: 0.0286. Cost per ray is in inverse proportion, memory in inverse square.
-        square_size_m: f32 = 0.05, in 0.01..=1.0;
+        square_size_m: f32 = 0.1, in 0.01..=1.0;
     }
 }
 

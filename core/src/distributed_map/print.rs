@@ -5,7 +5,7 @@ use crate::geometry::{Point2, Pose2};
 use crate::math::sin_cos;
 use crate::rays::Ray;
 
-use super::tiles::{DistributedMap, PoolFullError};
+use super::tiles::{DistributedMap, PoolFullError, TileId};
 use super::window::Window;
 
 /// What a scan did to the map of one particle.
@@ -35,7 +35,7 @@ impl<'a> Print<'a> {
     }
 
     /// Prints into the map that `window` shows: distance into every square passed, a hit into the last one of a ray that hit
-    /// something (thesis §3.2.3.1). The window's leaf gets a tile of its own wherever it had none.
+    /// something (thesis §3.2.3.1). The window's leaf gets a tile of its own wherever something changes and it had none.
     ///
     /// # Errors
     /// [`PoolFullError`] if there is no tile for the next square. Call again when some have been given back, or
@@ -75,33 +75,49 @@ impl<'a> Print<'a> {
         hit: bool,
     ) -> Result<(), PoolFullError> {
         let mut chords = chords.skip(self.squares_done).peekable();
+        let mut open = Open { slot: usize::MAX, id: TileId::NONE, is_own: false };
         while let Some(chord) = chords.next() {
             let is_end = hit && chords.peek().is_none();
-            write(map, window, &chord, is_end)?;
+            write(map, window, &mut open, &chord, is_end)?;
             self.squares_done += 1;
         }
         Ok(())
     }
 }
 
-/// Writes one chord into the window's leaf's own tile, which is made if there is none yet.
+/// The tile that the ray is in.
+struct Open {
+    slot: usize,
+    id: TileId,
+    /// It belongs to the window's leaf.
+    is_own: bool,
+}
+
+/// Writes one chord into the window's leaf's map. A tile of its own is made where something changes and there is none yet.
 #[inline]
 fn write<const SIDE: usize>(
     map: &mut DistributedMap<'_, SIDE>,
     window: &mut Window<'_>,
+    open: &mut Open,
     chord: &Chord,
     is_end: bool,
 ) -> Result<(), PoolFullError> {
     let slot = window.slot_of::<SIDE>(chord.x, chord.y);
-    let mut id = window.tile_in(slot);
-    if map.header(id).owner != window.leaf() {
-        id = map.copy(id, window.place_of(slot), window.leaf())?;
-        window.set_tile(slot, id);
+    if slot != open.slot {
+        let id = window.tile_in(slot);
+        *open = Open { slot, id, is_own: map.header(id).owner == window.leaf() };
     }
-    let mask = SIDE - 1;
-    let row = map.tiles.get_mut(id.index()).and_then(|tile| tile.squares.get_mut(chord.y as usize & mask));
-    if let Some(square) = row.and_then(|row| row.get_mut(chord.x as usize & mask)) {
-        if is_end { square.hit(chord.length()) } else { square.pass(chord.length()) }
+    let (x, y) = (chord.x as usize & (SIDE - 1), chord.y as usize & (SIDE - 1));
+    let seen = map.square(open.id, x, y);
+    let now = if is_end { seen.stopped(chord.length()) } else { seen.passed(chord.length()) };
+    if now == seen {
+        return Ok(());
     }
+    if !open.is_own {
+        open.id = map.copy(open.id, window.place_of(slot), window.leaf())?;
+        open.is_own = true;
+        window.set_tile(slot, open.id);
+    }
+    map.set_square(open.id, x, y, now);
     Ok(())
 }

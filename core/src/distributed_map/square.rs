@@ -4,11 +4,13 @@
 pub const DISTANCE_UNITS: f32 = 8.0;
 /// Shift from [`chords`](crate::chords) units (2¹⁶ per square) to distance units (2³).
 const CHORD_SHIFT: u32 = 13;
+/// What a square without hits remembers, distance units: half of what a byte holds, so that a first hit is not halved away.
+const FREE_DISTANCE_MAX: u8 = 128;
 
 /// Hits and travelled distance of one square; all zero if never seen.
 ///
 /// When one of the two would leave its byte both are halved, rounding down: their ratio, which is all that matters, stays
-/// (to 1 %), the weight of old evidence fades, and a lone hit vanishes after enough rays have passed. A square remembers
+/// (to 1 %), the weight of old evidence fades, and a lone hit vanishes after enough rays have passed. Without hits the distance stops at half of the byte. A square remembers
 /// the last 16 to 32 squares' lengths of ray through it. Hits never exceed distance units.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Square {
@@ -30,22 +32,25 @@ impl Square {
         self.distance
     }
 
-    /// A ray passed it on a chord of `length` chord units.
+    /// After a ray passed it on a chord of `length` chord units. Free squares come to rest: passing them once more changes nothing.
     #[inline]
-    pub fn pass(&mut self, length: i32) {
-        self.add(0, round_to_units(length));
+    #[must_use]
+    pub fn passed(self, length: i32) -> Self {
+        let added = self.plus(0, round_to_units(length));
+        if self.hits == 0 { Self { distance: added.distance.min(FREE_DISTANCE_MAX), ..added } } else { added }
     }
 
-    /// A ray ended in it after `length` chord units.
+    /// After a ray ended in it after `length` chord units.
     #[inline]
-    pub fn hit(&mut self, length: i32) {
-        self.add(1, round_to_units(length).max(1));
+    #[must_use]
+    pub fn stopped(self, length: i32) -> Self {
+        self.plus(1, round_to_units(length).max(1))
     }
 
-    fn add(&mut self, hits: u16, distance: u16) {
+    fn plus(self, hits: u16, distance: u16) -> Self {
         let (hits, distance) = (u16::from(self.hits) + hits, u16::from(self.distance) + distance);
         let halved = u32::from(distance > 255);
-        *self = Self { hits: (hits >> halved) as u8, distance: (distance >> halved).min(255) as u8 };
+        Self { hits: (hits >> halved) as u8, distance: (distance >> halved).min(255) as u8 }
     }
 }
 
@@ -61,10 +66,7 @@ mod tests {
     #[test]
     fn chords_add_up_in_eighths() {
         let mut square = Square::UNSEEN;
-        square.pass(65_536);
-        square.pass(4_095);
-        square.pass(4_096);
-        square.hit(0);
+        square = square.passed(65_536).passed(4_095).passed(4_096).stopped(0);
         assert_eq!((square.hits(), square.distance()), (1, 10));
     }
 
@@ -72,7 +74,7 @@ mod tests {
     fn full_square_is_halved_and_keeps_its_ratio() {
         let mut square = Square::UNSEEN;
         for _ in 0..1000 {
-            square.hit(32_768);
+            square = square.stopped(32_768);
             assert!(square.hits() <= square.distance());
         }
         let ratio = f32::from(square.hits()) / f32::from(square.distance());
@@ -82,8 +84,15 @@ mod tests {
     #[test]
     fn a_lone_hit_fades_when_rays_pass() {
         let mut square = Square::UNSEEN;
-        square.hit(32_768);
-        (0..40).for_each(|_| square.pass(65_536));
+        square = square.stopped(32_768);
+        (0..40).for_each(|_| square = square.passed(65_536));
         assert_eq!(square.hits(), 0);
+    }
+
+    #[test]
+    fn free_squares_come_to_rest_and_still_notice_a_new_wall() {
+        let free = (0..40).fold(Square::UNSEEN, |square, _| square.passed(65_536));
+        assert_eq!(free.passed(65_536), free);
+        assert_eq!(free.stopped(32_768).hits(), 1);
     }
 }

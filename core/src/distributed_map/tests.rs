@@ -138,7 +138,7 @@ impl<'m> Rig<'m> {
             for (place, chord) in chords.iter().enumerate() {
                 let square = self.particles[index].map.entry((chord.x + origin.0, chord.y + origin.1)).or_default();
                 let is_end = ray.hit && !cut && place + 1 == chords.len();
-                if is_end { square.hit(chord.length()) } else { square.pass(chord.length()) }
+                *square = if is_end { square.stopped(chord.length()) } else { square.passed(chord.length()) };
             }
         }
     }

@@ -221,6 +221,22 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
         self.headers.get(id.index()).copied().unwrap_or_default()
     }
 
+    /// Square (`x`, `y`) of a tile.
+    #[inline(always)]
+    pub(super) fn square(&self, id: TileId, x: usize, y: usize) -> Square {
+        let row = self.tiles.get(id.index()).and_then(|tile| tile.squares.get(y));
+        row.and_then(|row| row.get(x)).copied().unwrap_or_default()
+    }
+
+    /// Changes square (`x`, `y`) of a tile.
+    #[inline(always)]
+    pub(super) fn set_square(&mut self, id: TileId, x: usize, y: usize, square: Square) {
+        let row = self.tiles.get_mut(id.index()).and_then(|tile| tile.squares.get_mut(y));
+        if let Some(place) = row.and_then(|row| row.get_mut(x)) {
+            *place = square;
+        }
+    }
+
     /// A tile of its own for `owner` at `place`, where it has seen `base` so far.
     pub(super) fn copy(&mut self, base: TileId, place: TilePlace, owner: NodeId) -> Result<TileId, PoolFullError> {
         let id = self.take()?;

@@ -5,8 +5,8 @@ use crate::chords::Chords;
 use crate::geometry::Point2;
 use crate::math::floor;
 
+use super::Square;
 use super::tiles::{DistributedMap, TileId, TilePlace};
-use super::{Square, Tile};
 
 /// Squares kept clear of the needed rectangle's border, so that rounding in a walk cannot leave it: what is outside of it
 /// has not been looked up.
@@ -247,8 +247,6 @@ impl<'a, 'm, const SIDE: usize> MapView<'a, 'm, SIDE> {
     #[inline(always)]
     pub fn square(&self, x: i32, y: i32) -> Square {
         let id = self.window.tile_in(self.window.slot_of::<SIDE>(x, y));
-        let mask = SIDE - 1;
-        let row = self.map.tiles.get(id.index()).and_then(|tile: &Tile<SIDE>| tile.squares.get(y as usize & mask));
-        row.and_then(|row| row.get(x as usize & mask)).copied().unwrap_or_default()
+        self.map.square(id, x as usize & (SIDE - 1), y as usize & (SIDE - 1))
     }
 }

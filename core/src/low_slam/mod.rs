@@ -36,13 +36,13 @@ use crate::particles::{self, Particle, Resampling, Sample, Weights};
 use crate::perception::{PerceptionConfig, PerceptionModel};
 use crate::random::RandomStream;
 use crate::rays::{self, Ray, RayCapacityError, RayConfig};
-use crate::scan::RangeScan;
+use crate::sweep::Sweep;
 
 crate::config! {
     /// Particle filter of the low level (thesis figure 4.20).
     pub struct LowSlamConfig {
         /// P, particles kept at most; time and memory are in proportion. The original: 50.
-        particles: u16 = 100, in 1..=10000;
+        particles: u16 = 50, in 1..=10000;
         /// Poses tried for each particle kept, with one map: time is in proportion, memory is not. The thesis: 1; the original: 10.
         samples_per_particle: u16 = 1, in 1..=100;
         /// Resample when the effective sample size falls below this share of P; 1: after every scan, as the thesis does. Between, weights
@@ -161,13 +161,12 @@ pub struct LowSlam<'m, const SIDE: usize> {
 impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     /// A filter whose particles all are at the map's origin and have seen nothing yet.
     ///
-    /// * `robot_from_lrf` — where the laser sits on the robot; `seed` — of all random numbers
+    /// * `seed` — of all random numbers
     ///
     /// # Errors
     /// [`LowSlamMemoryError`] if the memory does not fit together.
     pub fn new(
         config: &LowSlamConfigs,
-        robot_from_lrf: Pose2,
         seed: u64,
         memory: LowSlamMemory<'m, SIDE>,
     ) -> Result<Self, LowSlamMemoryError> {
@@ -184,7 +183,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         *first = Particle { node: NodeId::ROOT, draws: particles_max, weight: 1.0, ..Particle::default() };
         Ok(Self {
             config: *config,
-            robot_from_lrf,
+            robot_from_lrf: Pose2::IDENTITY,
             seed,
             steps: 0,
             model: PerceptionModel::new(&config.perception, config.map.square_size_m),
@@ -230,15 +229,13 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     ///
     /// # Errors
     /// [`RayCapacityError`] if the scan has more beams than memory was lent for.
-    pub fn step(&mut self, scan: &RangeScan<'_>, motion: &impl Motion) -> Result<StepReport, RayCapacityError> {
-        self.step_with(scan, motion, |weighing, samples, window| {
-            weighing.weigh(0..weighing.particles(), samples, window)
-        })
+    pub fn step(&mut self, sweep: &Sweep<'_>, motion: &impl Motion) -> Result<StepReport, RayCapacityError> {
+        self.step_with(sweep, motion, |weighing, samples, window| weighing.weigh_all(samples, window))
     }
 
     /// One step of figure 4.20.
     ///
-    /// * `scan` — taken by the laser now; `motion` — what the robot did since the last scan (not looked at by the first step)
+    /// * `sweep` — taken by the laser now; `motion` — what the robot did since the last scan (not looked at by the first step)
     /// * `weigh` — must have every particle weighed once by [`Weighing::weigh`], on any thread; is lent the samples and a
     ///   window for one thread
     ///
@@ -246,11 +243,12 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     /// [`RayCapacityError`] if the scan has more beams than memory was lent for; nothing has changed then.
     pub fn step_with(
         &mut self,
-        scan: &RangeScan<'_>,
+        sweep: &Sweep<'_>,
         motion: &impl Motion,
         weigh: impl FnOnce(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
     ) -> Result<StepReport, RayCapacityError> {
-        self.ray_count = rays::rays_of(&self.config.rays, scan, self.rays)?;
+        self.ray_count = rays::rays_of(&self.config.rays, sweep, self.rays)?;
+        self.robot_from_lrf = sweep.robot_from_lrf;
         let mut report = StepReport::default();
         if self.steps == 0 {
             self.stay_at_origin(); // "first read? all particles at x = 0, y = 0, θ = 0"

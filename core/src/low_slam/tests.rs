@@ -2,7 +2,7 @@ use super::*;
 use crate::distributed_map::{Tile, TileHeader};
 use crate::math::{normal, sin_cos};
 use crate::motion::{MatchedMotion, ScanMatchingMotion, ScanMatchingMotionConfig};
-use crate::scan::{Beam, Echo};
+use crate::scan::{Beam, Echo, RangeScan};
 use crate::time::{Duration, Instant};
 use std::vec;
 use std::vec::Vec;
@@ -94,8 +94,8 @@ fn scan_at(pose: Pose2, step: u32) -> Vec<Beam> {
         .collect()
 }
 
-fn as_scan(beams: &[Beam]) -> RangeScan<'_> {
-    RangeScan { stamp: Instant::default(), range_max_m: 20.0, beams }
+fn as_sweep(beams: &[Beam]) -> Sweep<'_> {
+    Sweep::at_rest(RangeScan { stamp: Instant::default(), range_max_m: 20.0, beams }, Pose2::IDENTITY)
 }
 
 /// True poses of a robot that drives in circles.
@@ -118,15 +118,15 @@ fn drive(
     threads: usize,
     mut observe: impl FnMut(&LowSlam<'_, SIDE>, &StepReport, Pose2),
 ) {
-    let mut slam = LowSlam::new(config, Pose2::IDENTITY, 5, memory.lend()).unwrap();
+    let mut slam = LowSlam::new(config, 5, memory.lend()).unwrap();
     let mut before = Pose2::IDENTITY;
     for (step, pose) in path(steps).enumerate() {
         let beams = scan_at(pose, step as u32);
         let motion = biased(before, pose);
         let report = if threads == 1 {
-            slam.step(&as_scan(&beams), &motion)
+            slam.step(&as_sweep(&beams), &motion)
         } else {
-            slam.step_with(&as_scan(&beams), &motion, |weighing, samples, _| on_threads(threads, weighing, samples))
+            slam.step_with(&as_sweep(&beams), &motion, |weighing, samples, _| on_threads(threads, weighing, samples))
         };
         observe(&slam, &report.unwrap(), pose);
         before = pose;
@@ -246,12 +246,12 @@ fn with_no_room_for_even_one_map_it_goes_on_and_says_so() {
 fn few_nodes_or_samples_mean_fewer_particles() {
     let mut memory = Memory::new(10, 10, 100);
     memory.nodes.truncate(6);
-    let slam = LowSlam::new(&configs(100), Pose2::IDENTITY, 1, memory.lend()).unwrap();
+    let slam = LowSlam::new(&configs(100), 1, memory.lend()).unwrap();
     assert_eq!(slam.particles_max(), 3);
     let mut memory = Memory::new(10, 10, 100);
     memory.nodes.truncate(1);
     assert!(matches!(
-        LowSlam::new(&configs(100), Pose2::IDENTITY, 1, memory.lend()),
+        LowSlam::new(&configs(100), 1, memory.lend()),
         Err(LowSlamMemoryError::Ancestry(AncestryMemoryError(1)))
     ));
 }
@@ -274,13 +274,13 @@ fn refined_samples_are_nearer_to_the_truth() {
 #[test]
 fn a_scan_with_too_many_beams_changes_nothing() {
     let mut memory = Memory::new(10, 10, 1000);
-    let mut slam = LowSlam::new(&configs(10), Pose2::IDENTITY, 1, memory.lend()).unwrap();
+    let mut slam = LowSlam::new(&configs(10), 1, memory.lend()).unwrap();
     let beams = scan_at(Pose2::IDENTITY, 0);
     let motion = biased(Pose2::IDENTITY, Pose2::IDENTITY);
-    slam.step(&as_scan(&beams), &motion).unwrap();
+    slam.step(&as_sweep(&beams), &motion).unwrap();
     let (before, tiles) = (slam.particles().to_vec(), slam.map().tiles_used());
     let twice: Vec<Beam> = beams.iter().chain(&beams).copied().collect();
-    assert_eq!(slam.step(&as_scan(&twice), &motion), Err(RayCapacityError { capacity: 181 }));
+    assert_eq!(slam.step(&as_sweep(&twice), &motion), Err(RayCapacityError { capacity: 181 }));
     assert_eq!((slam.particles(), slam.map().tiles_used()), (&before[..], tiles));
 }
 
@@ -294,25 +294,25 @@ fn numbers_without_meaning_do_not_stop_it() {
         }
     }
     let mut memory = Memory::new(10, 10, 1000);
-    let mut slam = LowSlam::new(&configs(10), Pose2::IDENTITY, 1, memory.lend()).unwrap();
+    let mut slam = LowSlam::new(&configs(10), 1, memory.lend()).unwrap();
     let beams = scan_at(Pose2::IDENTITY, 0);
     for _ in 0..20 {
-        let report = slam.step(&as_scan(&beams), &Wild).unwrap();
+        let report = slam.step(&as_sweep(&beams), &Wild).unwrap();
         assert!(report.particles >= 1);
     }
-    let empty = slam.step(&as_scan(&[]), &Wild).unwrap();
+    let empty = slam.step(&as_sweep(&[]), &Wild).unwrap();
     assert_eq!(empty.rays, 0);
 }
 
 #[test]
 fn pools_of_a_microcontroller_are_enough_for_a_room() {
     let mut pools = std::boxed::Box::new(SmallPools::EMPTY);
-    let mut slam = LowSlam::new(&configs(32), Pose2::IDENTITY, 1, pools.lend()).unwrap();
+    let mut slam = LowSlam::new(&configs(32), 1, pools.lend()).unwrap();
     assert_eq!(slam.particles_max(), 32);
     let (mut before, mut worst) = (Pose2::IDENTITY, 0.0_f32);
     for (step, pose) in path(60).enumerate() {
         let beams = scan_at(pose, step as u32);
-        let report = slam.step(&as_scan(&beams), &biased(before, pose)).unwrap();
+        let report = slam.step(&as_sweep(&beams), &biased(before, pose)).unwrap();
         assert_eq!((report.squares_left_out, report.rays_cut), (0, 0));
         worst = worst.max(distance(report.map_from_robot, pose));
         before = pose;

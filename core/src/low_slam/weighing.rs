@@ -63,6 +63,11 @@ impl<const SIDE: usize> Weighing<'_, '_, SIDE> {
         border(part)..if part + 1 >= parts { self.particles.len() } else { border(part + 1) }
     }
 
+    /// Weighs all samples on this thread.
+    pub fn weigh_all(&self, samples: &mut [Sample], window: &mut Window<'_>) {
+        self.weigh(0..self.particles(), samples, window);
+    }
+
     /// Adds the log-likelihood of the scan to the log weight of each sample of the particles in `range`.
     ///
     /// * `samples` — exactly the samples of these particles; `window` — any, of the same size for every thread

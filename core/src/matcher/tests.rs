@@ -1,8 +1,9 @@
 use super::*;
-use crate::filter::{FilterConfig, Motion, hits, thin};
+use crate::filter::{FilterConfig, hits, thin};
 use crate::math::uniform;
 use crate::ndt::{DirectoryEntry, NdtConfig, NdtTile};
 use crate::scan::RangeScan;
+use crate::sweep::Sweep;
 use crate::test_world::World;
 use crate::time::Instant;
 use rand_core::SeedableRng;
@@ -21,7 +22,7 @@ fn points(world: &World, pose: Pose2, radius_m: f32, range_max_m: f32, rng: &mut
     let beams = world.scan(pose, range_max_m, 0.01, rng);
     let scan = RangeScan { stamp: Instant::default(), range_max_m, beams: &beams };
     let (mut raw, mut memory) = (vec![Point2::default(); 200], vec![Point2::default(); 200]);
-    let hits = hits(&scan, Pose2::IDENTITY, Motion::default(), &mut raw).unwrap();
+    let hits = hits(&Sweep::at_rest(scan, Pose2::IDENTITY), &mut raw).unwrap();
     thin(&FilterConfig { radius_m }, hits, &mut memory).unwrap().to_vec()
 }
 

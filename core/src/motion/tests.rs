@@ -4,6 +4,13 @@ use crate::random::RandomStream;
 
 const START: Pose2 = Pose2 { x: 2.0, y: -1.0, heading: 0.7 };
 
+/// 1 cm, 1 cm and 0.3 degrees, nothing else.
+fn plain() -> ScanMatchingMotionConfig {
+    let (undetermined_m, covariance_gain) = (0.0, 0.0);
+    let base = ScanMatchingMotionConfig { undetermined_m, covariance_gain, ..Default::default() };
+    ScanMatchingMotionConfig { forward_m: 0.01, lateral_m: 0.01, heading_deg: 0.3, ..base }
+}
+
 /// Mean and covariance of (x, y, heading) of many samples, as seen from `expected`.
 fn moments(motion: &impl Motion, expected: Pose2) -> (Vector3<f32>, Matrix3<f32>) {
     let count = 40_000;
@@ -29,7 +36,7 @@ fn assert_deviations(covariance: &Matrix3<f32>, expected: [f32; 3], tolerance: f
 
 #[test]
 fn matched_displacement_has_the_configured_spread() {
-    let config = ScanMatchingMotionConfig { forward_m: 0.02, lateral_m: 0.01, heading_deg: 1.0, ..Default::default() };
+    let config = ScanMatchingMotionConfig { forward_m: 0.02, lateral_m: 0.01, heading_deg: 1.0, ..plain() };
     let step = Pose2::new(0.3, 0.05, 0.2);
     let motion = ScanMatchingMotion::new(&config, &MatchedMotion { previous_from_robot: step, ..Default::default() });
     let (mean, covariance) = moments(&motion, START * step);
@@ -43,7 +50,7 @@ fn matched_displacement_has_the_configured_spread() {
 
 #[test]
 fn undetermined_axis_spreads_along_itself_only() {
-    let config = ScanMatchingMotionConfig { undetermined_m: 0.2, ..Default::default() };
+    let config = ScanMatchingMotionConfig { undetermined_m: 0.2, ..plain() };
     // The corridor runs along the map's y axis; the robot looks along it at 90 degrees.
     let before = Pose2::new(0.0, 0.0, core::f32::consts::FRAC_PI_2);
     let matched = MatchedMotion::from_map(
@@ -60,7 +67,7 @@ fn undetermined_axis_spreads_along_itself_only() {
 #[test]
 fn covariance_of_the_match_widens_up_to_its_limit() {
     let narrow = Matrix3::from_diagonal(&Vector3::new(4e-4, 1e-6, 1e-6));
-    let config = ScanMatchingMotionConfig { covariance_gain: 2.0, covariance_max: 1.0, ..Default::default() };
+    let config = ScanMatchingMotionConfig { covariance_gain: 2.0, covariance_max: 1.0, ..plain() };
     let at = |covariance| {
         let matched = MatchedMotion { covariance, ..Default::default() };
         moments(&ScanMatchingMotion::new(&config, &matched), START).1

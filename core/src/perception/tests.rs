@@ -163,7 +163,7 @@ fn beam_step_and_gain_scale_the_sum() {
     let every_third: Vec<Ray> = rays.iter().step_by(3).copied().collect();
     with_map(&[(rays.clone(), at)], |view| {
         let sparse = PerceptionModel::new(&config, SIZE).log_likelihood(view, &rays, at);
-        let plain = PerceptionConfig { gain: 1.0, ..PerceptionConfig::default() };
+        let plain = PerceptionConfig { gain: 1.0, beam_step: 1, ..PerceptionConfig::default() };
         let full = PerceptionModel::new(&plain, SIZE).log_likelihood(view, &every_third, at);
         assert!((sparse - 0.5 * full).abs() < 1e-3);
     });

@@ -11,6 +11,7 @@ use lrfslam_core::sweep::SpeedLimits;
 use lrfslam_core::time::{Duration, Instant};
 
 use super::laser::say;
+use super::particles::ParticleArgs;
 use super::summary::summary;
 use super::{Failure, print};
 use crate::config::{RunConfig, SpeedConfig};
@@ -40,6 +41,8 @@ pub(super) struct Mapping {
     /// End after so many seconds of scans.
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
+    #[command(flatten)]
+    particles: ParticleArgs,
     /// No lines on the way; only the result.
     #[arg(long, short)]
     quiet: bool,
@@ -47,8 +50,8 @@ pub(super) struct Mapping {
 
 /// Maps every scan of `source` called `name`, and writes and prints what came out.
 pub(super) fn map_live(name: &str, source: &ScanSource, stop: &AtomicBool, args: &Mapping) -> Result<(), Failure> {
-    let config = RunConfig::load(args.config.as_deref(), &args.set).map_err(Failure::start)?;
-    let mut memory = MapperMemory::new(&config);
+    let config = args.particles.load(args.config.as_deref(), &args.set)?;
+    let mut memory = MapperMemory::new(&config, args.particles.threads());
     let map = MapRun::open(&args.out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
     let mut session = Session::new(map, &config, args);
     let done = for_each_scan(source, stop, &mut |item| session.take(item));
@@ -88,7 +91,7 @@ impl<'a, 'm> Session<'a, 'm> {
         self.stamps = Some((first, scan.stamp));
         match self.map.add_scan(scan, self.robot_from_lrf, None) {
             Ok(step) => {
-                let is_new = self.watch.is_too_fast(scan, step.matched.map_from_robot);
+                let is_new = self.watch.is_too_fast(scan, step.odometry.matched.map_from_robot);
                 if is_new && !self.args.quiet {
                     say("the robot moves faster than the laser's rate allows: the map suffers");
                 }

@@ -6,6 +6,7 @@ use anyhow::Context as _;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use super::particles::ParticleArgs;
 use super::summary::summary;
 use super::{Failure, print};
 use crate::config::RunConfig;
@@ -37,17 +38,19 @@ pub(super) struct MapArgs {
     /// Predict motion by the log's odometry; without this none of it is read.
     #[arg(long)]
     odometry: bool,
+    #[command(flatten)]
+    particles: ParticleArgs,
     /// No progress bar and no summary.
     #[arg(long, short)]
     quiet: bool,
 }
 
 pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
-    let config = RunConfig::load(args.config.as_deref(), &args.set).map_err(Failure::start)?;
+    let config = args.particles.load(args.config.as_deref(), &args.set)?;
     let mut log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
     let out = args.out.clone().unwrap_or_else(|| default_folder(&args.log));
     let input = input(&args.log, &log).map_err(Failure::Start)?;
-    let mut memory = MapperMemory::new(&config);
+    let mut memory = MapperMemory::new(&config, args.particles.threads());
     let mut map = MapRun::open(&out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
     let progress = progress_bar(log.size_bytes(), args.quiet);
     let fault = map_scans(&mut log, &mut map, &config, args.odometry, &progress).err();

@@ -3,6 +3,7 @@
 //! 0: done. 1: a fault while working; results up to it are written, and said to be partial. 2: wrong usage, or input
 //! that is wrong from the start. A reader of our output that goes away (`| head`) is no fault.
 
+mod calibrate;
 mod cloud;
 mod cloud_summary;
 mod config;
@@ -13,6 +14,7 @@ mod laser;
 mod live_scans;
 mod lrf;
 mod map;
+mod particles;
 mod replay;
 mod run;
 mod summary;
@@ -41,6 +43,7 @@ enum Command {
     Run(run::RunArgs),
     Replay(replay::ReplayArgs),
     Lrf(lrf::LrfArgs),
+    Calibrate(calibrate::CalibrateArgs),
     Config(config::ConfigArgs),
     Experiment(experiment::ExperimentArgs),
 }
@@ -81,6 +84,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Run(args) => run::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Lrf(args) => lrf::run(args),
+        Command::Calibrate(args) => calibrate::run(args),
         Command::Config(args) => config::run(args),
         Command::Experiment(args) => experiment::run(args),
     };

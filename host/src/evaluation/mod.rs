@@ -10,7 +10,9 @@ mod truth;
 
 use lrfslam_core::time::{Duration, Instant};
 
-pub use relations::{Relation, RelationReport, evaluate_relations, read_relations};
+pub use relations::{
+    Relation, RelationReport, displacement_errors, evaluate_relations, read_relations, relations_of_path,
+};
 pub use statistics::{Distribution, Statistics};
 pub use stretches::{Standing, StretchError, StretchReport, Turn, evaluate_stretches};
 pub use truth::{RelativeError, TruthReport, evaluate_truth};

@@ -7,10 +7,12 @@
 
 use std::path::Path;
 
+use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::{EvaluationError, PosesByTime, Statistics};
+use crate::calibration::DisplacementError;
 use crate::pose_f64::PoseF64;
 use crate::table::{TableError, read_table};
 use crate::trajectory::TimedPose;
@@ -101,10 +103,43 @@ pub fn evaluate_relations(
     })
 }
 
+/// The known displacements of a true path: from every pose to those 1, 2, 4, 8 … poses later.
+pub fn relations_of_path(truth: &[TimedPose]) -> Vec<Relation> {
+    let lags = std::iter::successors(Some(1_usize), |lag| Some(2 * lag)).take_while(|lag| *lag < truth.len());
+    let relation = |(start, end): (&TimedPose, &TimedPose)| {
+        let start_from_end = PoseF64::from(start.map_from_robot).between(PoseF64::from(end.map_from_robot));
+        Relation { start: start.stamp, end: end.stamp, start_from_end }
+    };
+    lags.flat_map(|lag| truth.iter().zip(&truth[lag..]).map(relation)).collect()
+}
+
+/// Error of every displacement that `path` has within `tolerance` of a relation's times; `steps` up to each of its poses.
+pub fn displacement_errors(
+    path: &[TimedPose],
+    steps: &[u32],
+    relations: &[Relation],
+    tolerance: Duration,
+) -> Vec<DisplacementError> {
+    let poses = PosesByTime::new(path);
+    // Steps are looked up like poses, as if they were a coordinate.
+    let counted: Vec<TimedPose> = path
+        .iter()
+        .zip(steps)
+        .map(|(pose, steps)| TimedPose { map_from_robot: Pose2::new(*steps as f32, 0.0, 0.0), ..*pose })
+        .collect();
+    let counts = PosesByTime::new(&counted);
+    let error = |relation: &Relation| {
+        let (first, second) = (poses.nearest(relation.start, tolerance)?.0, poses.nearest(relation.end, tolerance)?.0);
+        let (from, to) = (counts.nearest(relation.start, tolerance)?.0.x, counts.nearest(relation.end, tolerance)?.0.x);
+        let error = relation.start_from_end.between(first.between(second));
+        Some(DisplacementError { steps: (to - from).abs(), error })
+    };
+    relations.iter().filter_map(error).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lrfslam_core::geometry::Pose2;
 
     fn pose(seconds: i64, x: f32, heading: f32) -> TimedPose {
         TimedPose { stamp: Instant::from_micros(seconds * 1_000_000), map_from_robot: Pose2::new(x, 0.0, heading) }

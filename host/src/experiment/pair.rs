@@ -1,11 +1,12 @@
 //! Matching one pair of scans: what all experiments on pairs share.
 
 use lrfslam_core::de::{DeConfig, Member};
-use lrfslam_core::filter::{FilterConfig, Motion, hits, thin};
+use lrfslam_core::filter::{FilterConfig, hits, thin};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::matcher::{Match, MatcherConfig, Prediction, ScanMatcher, SearchConfig};
 use lrfslam_core::math::uniform;
 use lrfslam_core::ndt::NdtGrid;
+use lrfslam_core::sweep::Sweep;
 use rand_core::SeedableRng as _;
 use rand_pcg::Pcg32;
 use serde::Serialize;
@@ -49,7 +50,7 @@ pub(super) fn points_of(scan: &LogScan, radius_m: f32, run: &RunConfig) -> Vec<P
     let (mut raw, mut points) = (vec![Point2::default(); scan.beams.len()], vec![Point2::default(); scan.beams.len()]);
     let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| run.robot_from_lrf());
     // There is a place for every beam: this cannot fail.
-    let hits = hits(&scan.scan(), robot_from_lrf, Motion::default(), &mut raw);
+    let hits = hits(&Sweep::at_rest(scan.scan(), robot_from_lrf), &mut raw);
     let count = hits.and_then(|hits| thin(&FilterConfig { radius_m }, hits, &mut points)).map_or(0, |kept| kept.len());
     points.truncate(count);
     points

@@ -1,0 +1,141 @@
+//! The whole SLAM that runs on the robot: laser odometry moves the particles of DP-SLAM, whose maps then judge it.
+//!
+//! scan → [`LaserOdometry`] → displacement with its doubts → [`ScanMatchingMotion`] → [`LowSlam`] → pose of the best particle.
+//!
+//! The filter takes a step once the robot has moved far enough; between its steps the pose follows the laser odometry. A scan that the
+//! odometry does not believe is not shown to the filter.
+
+use rand_core::Rng;
+
+use crate::distributed_map::Window;
+use crate::filter::PointCapacityError;
+use crate::geometry::{Point2, Pose2};
+use crate::laser_odometry::{self, LaserOdometry};
+use crate::low_slam::{self, LowSlam, Weighing};
+use crate::motion::{MatchedMotion, ScanMatchingMotion, ScanMatchingMotionConfig};
+use crate::particles::Sample;
+use crate::rays::RayCapacityError;
+use crate::scan::RangeScan;
+use crate::sweep::Sweep;
+
+crate::config! {
+    /// When the particle filter takes a step.
+    pub struct StepConfig {
+        /// After this much travel, m. The thesis: 0, with every scan; the original: 0.05.
+        distance_m: f32 = 0.1, in 0.0..=10.0;
+        /// … or this much rotation, degrees. The original: 1.7.
+        rotation_deg: f32 = 4.0, in 0.0..=180.0;
+    }
+}
+
+impl StepConfig {
+    /// True if the robot has `moved` enough since the last step for another one.
+    pub fn is_due(&self, moved: Pose2) -> bool {
+        moved.position().norm() >= self.distance_m || moved.heading.abs() >= self.rotation_deg.to_radians()
+    }
+}
+
+/// The scan is larger than the memory lent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ScanCapacityError {
+    /// For points.
+    #[error(transparent)]
+    Points(#[from] PointCapacityError),
+    /// For rays.
+    #[error(transparent)]
+    Rays(#[from] RayCapacityError),
+}
+
+/// What one scan did.
+#[derive(Debug, Clone, Copy)]
+pub struct StepReport {
+    /// Where the robot is, in the map of the best particle; its path may change when another becomes the best.
+    pub map_from_robot: Pose2,
+    /// Matching.
+    pub odometry: laser_odometry::StepReport,
+    /// The filter's step, if it took one.
+    pub filter: Option<low_slam::StepReport>,
+}
+
+/// See the [module](self).
+#[derive(Debug)]
+pub struct Slam<'m, const SIDE: usize> {
+    config: StepConfig,
+    motion: ScanMatchingMotionConfig,
+    odometry: LaserOdometry<'m>,
+    filter: LowSlam<'m, SIDE>,
+    /// Of the best particle, at the filter's last step.
+    map_from_robot: Pose2,
+    /// By laser odometry, at the same time.
+    odometry_at_step: Option<Pose2>,
+    /// Axis in the odometry's map that some scan since then left undetermined.
+    undetermined: Option<Point2>,
+}
+
+impl<'m, const SIDE: usize> Slam<'m, SIDE> {
+    /// SLAM with laser odometry and a filter that have seen nothing yet.
+    pub fn new(
+        config: &StepConfig,
+        motion: &ScanMatchingMotionConfig,
+        odometry: LaserOdometry<'m>,
+        filter: LowSlam<'m, SIDE>,
+    ) -> Self {
+        Self {
+            config: *config,
+            motion: *motion,
+            odometry,
+            filter,
+            map_from_robot: Pose2::IDENTITY,
+            odometry_at_step: None,
+            undetermined: None,
+        }
+    }
+
+    /// The particles and their maps.
+    pub fn filter(&self) -> &LowSlam<'m, SIDE> {
+        &self.filter
+    }
+
+    /// The laser odometry.
+    pub fn odometry(&self) -> &LaserOdometry<'m> {
+        &self.odometry
+    }
+
+    /// Takes the next scan.
+    ///
+    /// * `robot_from_lrf` — where the laser sits on the robot
+    /// * `displacement` — the robot's displacement since the last scan by odometry, if there is any
+    /// * `weigh` — see [`LowSlam::step_with`]; on one thread, [`Weighing::weigh_all`]
+    ///
+    /// # Errors
+    /// [`ScanCapacityError`] if the scan is larger than the memory lent.
+    pub fn step_with(
+        &mut self,
+        scan: &RangeScan<'_>,
+        robot_from_lrf: Pose2,
+        displacement: Option<Pose2>,
+        rng: &mut impl Rng,
+        weigh: impl FnOnce(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
+    ) -> Result<StepReport, ScanCapacityError> {
+        let odometry = self.odometry.step(scan, robot_from_lrf, displacement, rng)?;
+        let matched = &odometry.matched;
+        let previous = self.odometry_at_step.unwrap_or(matched.map_from_robot);
+        let moved = previous.between(matched.map_from_robot);
+        self.undetermined = matched.undetermined.or(self.undetermined);
+        if odometry.is_lost || (self.odometry_at_step.is_some() && !self.config.is_due(moved)) {
+            return Ok(StepReport { map_from_robot: self.map_from_robot * moved, odometry, filter: None });
+        }
+        let motion = MatchedMotion::from_map(previous, matched.map_from_robot, &matched.covariance, self.undetermined);
+        let motion = ScanMatchingMotion::new(&self.motion, &motion);
+        let sweep = Sweep { scan: *scan, robot_from_lrf, motion: odometry.motion };
+        let filter = self.filter.step_with(&sweep, &motion, weigh)?;
+        self.map_from_robot = filter.map_from_robot;
+        self.odometry_at_step = Some(matched.map_from_robot);
+        self.undetermined = None;
+        Ok(StepReport { map_from_robot: self.map_from_robot, odometry, filter: Some(filter) })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,153 @@
+//! The memory that a mapper works in: fixed from the start.
+
+use lrfslam_core::ancestry::Node;
+use lrfslam_core::de::Member;
+use lrfslam_core::distributed_map::{MapMemory, Tile, TileHeader, TileId};
+use lrfslam_core::geometry::Point2;
+use lrfslam_core::laser_odometry::{KeyScan, OdometryMemory, Reference};
+use lrfslam_core::low_slam::LowSlamMemory;
+use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
+use lrfslam_core::particles::{Particle, Sample};
+use lrfslam_core::rays::Ray;
+
+use crate::config::RunConfig;
+
+lrfslam_core::config! {
+    /// Memory, fixed from the start.
+    pub struct MemoryConfig {
+        /// Tiles of 8 × 8 NDT cells (3 kB each), for all overlapping grids together.
+        ndt_tiles: u16 = 8192, in 16..=65535;
+        /// Points of one scan.
+        scan_points: u16 = 4096, in 64..=65535;
+        /// Tiles of 16 × 16 squares (0.5 kB each), for all particles' maps together. When they are used up the least likely particles go.
+        map_tiles: u32 = 65536, in 256..=16777216;
+    }
+}
+
+/// Tiles along the side of the NDT's directory: 614 m of cells of 0.3 m before places are told apart no more.
+const DIRECTORY_SIDE: usize = 256;
+/// Squares along the side of a particle map's tile.
+pub(super) const SIDE: usize = 16;
+
+/// Table of one thread's [`Window`](lrfslam_core::distributed_map::Window).
+pub(super) type WindowSlots = Vec<TileId>;
+
+/// The memory that a [`Mapper`](super::Mapper) works in.
+#[derive(Debug)]
+pub struct MapperMemory {
+    pub(super) odometry: MatcherPools,
+    pub(super) particles: Option<ParticlePools>,
+}
+
+impl MapperMemory {
+    /// As much as `config` says; it does not grow. `threads` share the work, at least one; results do not depend on them.
+    pub fn new(config: &RunConfig, threads: usize) -> Self {
+        let particles = (config.hierarchy.levels > 0).then(|| ParticlePools::new(config, threads));
+        Self { odometry: MatcherPools::new(config), particles }
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct MatcherPools {
+    directory: Vec<DirectoryEntry>,
+    tiles: Vec<NdtTile>,
+    population: Vec<Member<3>>,
+    points: Vec<Point2>,
+    hits: Vec<Point2>,
+    key_points: Vec<Point2>,
+    key_scans: Vec<KeyScan>,
+}
+
+impl MatcherPools {
+    fn new(config: &RunConfig) -> Self {
+        let layers = if config.ndt.overlapping { 4 } else { 1 };
+        let population = config.de.population.max(config.recovery.population);
+        let points = usize::from(config.memory.scan_points);
+        let key_scans = match config.odometry.reference {
+            Reference::WholeMap => 0,
+            Reference::PreviousScan => 1,
+            Reference::RecentScans => usize::from(config.odometry.recent_scans),
+        };
+        Self {
+            directory: vec![DirectoryEntry::default(); layers * DIRECTORY_SIDE * DIRECTORY_SIDE],
+            tiles: vec![NdtTile::EMPTY; usize::from(config.memory.ndt_tiles)],
+            population: vec![Member::EMPTY; usize::from(population)],
+            points: vec![Point2::default(); points],
+            hits: vec![Point2::default(); points],
+            key_points: vec![Point2::default(); points * key_scans],
+            key_scans: vec![KeyScan::default(); key_scans],
+        }
+    }
+
+    pub(super) fn lend(&mut self) -> OdometryMemory<'_> {
+        OdometryMemory {
+            directory: &mut self.directory,
+            tiles: &mut self.tiles,
+            population: &mut self.population,
+            points: &mut self.points,
+            hits: &mut self.hits,
+            key_points: &mut self.key_points,
+            key_scans: &mut self.key_scans,
+        }
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct ParticlePools {
+    tiles: Vec<Tile<SIDE>>,
+    headers: Vec<TileHeader>,
+    node_tiles: Vec<TileId>,
+    directory: Vec<TileId>,
+    nodes: Vec<Node>,
+    particles: Vec<Particle>,
+    samples: Vec<Sample>,
+    rays: Vec<Ray>,
+    window: WindowSlots,
+    /// For the other threads.
+    windows: Vec<WindowSlots>,
+}
+
+impl ParticlePools {
+    fn new(config: &RunConfig, threads: usize) -> Self {
+        let particles = usize::from(config.particles.particles);
+        let tiles = config.memory.map_tiles as usize;
+        let slots = vec![TileId::NONE; window_side(config).pow(2)];
+        Self {
+            tiles: vec![Tile::UNSEEN; tiles],
+            headers: vec![TileHeader::FREE; tiles],
+            node_tiles: vec![TileId::NONE; 2 * particles],
+            directory: vec![TileId::NONE; DIRECTORY_SIDE * DIRECTORY_SIDE],
+            nodes: vec![Node::FREE; 2 * particles],
+            particles: vec![Particle::UNUSED; particles],
+            samples: vec![Sample::UNUSED; particles * usize::from(config.particles.samples_per_particle)],
+            rays: vec![Ray::UNUSED; usize::from(config.memory.scan_points)],
+            window: slots.clone(),
+            windows: vec![slots; threads.max(1) - 1],
+        }
+    }
+
+    pub(super) fn lend(&mut self) -> (LowSlamMemory<'_, SIDE>, &mut [WindowSlots]) {
+        let memory = LowSlamMemory {
+            map: MapMemory {
+                tiles: &mut self.tiles,
+                headers: &mut self.headers,
+                node_tiles: &mut self.node_tiles,
+                directory: &mut self.directory,
+            },
+            nodes: &mut self.nodes,
+            particles: &mut self.particles,
+            samples: &mut self.samples,
+            rays: &mut self.rays,
+            window: &mut self.window,
+        };
+        (memory, &mut self.windows)
+    }
+}
+
+/// Tiles along a window's side: what a scan reaches to all sides, and a few metres that particles may be apart.
+fn window_side(config: &RunConfig) -> usize {
+    let reach_m = config.rays.range_max_m + config.perception.reach_sigmas * config.perception.sigma_m;
+    let side_m = 2.0 * reach_m + 10.0;
+    let tiles = side_m / (config.particle_map.square_size_m * SIDE as f32);
+    (tiles.ceil() as usize).next_power_of_two().clamp(2, 4096)
+}

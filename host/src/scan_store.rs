@@ -1,0 +1,109 @@
+//! Scans kept in memory, so that the map can be drawn again when the path behind it has changed.
+//!
+//! Eight bytes a beam: bearing and range as they lie in the middle of the sweep; invalid beams are left out.
+
+use lrfslam_core::geometry::{Point2, Pose2};
+use lrfslam_core::scan::{Beam, Echo, RangeScan};
+use lrfslam_core::sweep::Sweep;
+use lrfslam_core::time::{Duration, Instant};
+
+#[derive(Debug, Clone, Copy)]
+struct KeptBeam {
+    bearing_rad: f32,
+    /// Negative: nothing was seen.
+    range_m: f32,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct KeptScan {
+    stamp: Instant,
+    range_max_m: f32,
+    robot_from_lrf: Pose2,
+    /// One past its last beam.
+    end: usize,
+}
+
+/// See the [module](self).
+#[derive(Debug, Clone, Default)]
+pub struct ScanStore {
+    beams: Vec<KeptBeam>,
+    scans: Vec<KeptScan>,
+}
+
+impl ScanStore {
+    /// Keeps a scan.
+    pub fn add(&mut self, sweep: &Sweep<'_>) {
+        let middle_from_beam = sweep.middle_from_beam();
+        for beam in sweep.scan.beams {
+            let (range_m, is_hit) = match beam.echo {
+                Echo::Hit(range_m) => (range_m, true),
+                Echo::Miss => (sweep.scan.range_max_m, false),
+                Echo::Invalid => continue,
+            };
+            let end = middle_from_beam(beam).transform(Point2::from_polar(range_m, beam.bearing_rad));
+            self.beams
+                .push(KeptBeam { bearing_rad: end.bearing_rad(), range_m: if is_hit { end.norm() } else { -1.0 } });
+        }
+        let RangeScan { stamp, range_max_m, .. } = sweep.scan;
+        let robot_from_lrf = sweep.robot_from_lrf;
+        self.scans.push(KeptScan { stamp, range_max_m, robot_from_lrf, end: self.beams.len() });
+    }
+
+    /// Scans kept.
+    pub fn len(&self) -> usize {
+        self.scans.len()
+    }
+
+    /// True if there is none.
+    pub fn is_empty(&self) -> bool {
+        self.scans.is_empty()
+    }
+
+    /// Bytes of the beams held.
+    pub fn memory_bytes(&self) -> usize {
+        self.beams.len() * size_of::<KeptBeam>()
+    }
+
+    /// Scan `index`, its beams written over `beams`; `None` past the last one.
+    pub fn sweep<'b>(&self, index: usize, beams: &'b mut Vec<Beam>) -> Option<Sweep<'b>> {
+        let kept = self.scans.get(index)?;
+        let start = index.checked_sub(1).and_then(|before| self.scans.get(before)).map_or(0, |before| before.end);
+        beams.clear();
+        beams.extend(self.beams[start..kept.end].iter().map(|beam| Beam {
+            bearing_rad: beam.bearing_rad,
+            offset: Duration::ZERO,
+            echo: if beam.range_m < 0.0 { Echo::Miss } else { Echo::Hit(beam.range_m) },
+        }));
+        let scan = RangeScan { stamp: kept.stamp, range_max_m: kept.range_max_m, beams };
+        Some(Sweep::at_rest(scan, kept.robot_from_lrf))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kept_scans_come_back_without_their_invalid_beams() {
+        let beam = |bearing_rad, echo| Beam { bearing_rad, offset: Duration::ZERO, echo };
+        let first = [beam(-0.5, Echo::Hit(2.0)), beam(0.0, Echo::Invalid), beam(0.5, Echo::Miss)];
+        let second = [beam(0.25, Echo::Hit(1.0))];
+        let mut store = ScanStore::default();
+        for beams in [&first[..], &[], &second] {
+            let scan = RangeScan { stamp: Instant::from_micros(7), range_max_m: 8.0, beams };
+            store.add(&Sweep::at_rest(scan, Pose2::new(0.1, 0.0, 0.0)));
+        }
+        let mut beams = Vec::new();
+        let mut seen = |index| {
+            let sweep = store.sweep(index, &mut beams)?;
+            assert_eq!((sweep.robot_from_lrf.x, sweep.scan.range_max_m), (0.1, 8.0));
+            Some(sweep.scan.beams.iter().map(|beam| (beam.bearing_rad, beam.echo)).collect::<Vec<_>>())
+        };
+        let near = |a: f32, b: f32| (a - b).abs() < 1e-6;
+        let found = seen(0).unwrap();
+        assert!(matches!(found[0], (b, Echo::Hit(r)) if near(b, -0.5) && near(r, 2.0)), "{found:?}");
+        assert!(matches!(found[1], (b, Echo::Miss) if near(b, 0.5)), "{found:?}");
+        assert_eq!((found.len(), seen(1).unwrap().len(), seen(2).unwrap().len()), (2, 0, 1));
+        assert!(seen(3).is_none());
+    }
+}
