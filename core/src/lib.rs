@@ -62,6 +62,7 @@ pub mod scan;
 pub mod slam;
 pub mod sweep;
 pub mod time;
+pub mod wire;
 
 #[cfg(test)]
 mod test_world;
