@@ -58,6 +58,7 @@ pub mod particles;
 pub mod perception;
 pub mod random;
 pub mod rays;
+pub mod robot;
 pub mod scan;
 pub mod slam;
 pub mod sweep;

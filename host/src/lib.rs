@@ -24,6 +24,7 @@ pub mod output;
 pub mod picture;
 pub mod pose_f64;
 pub mod recording;
+pub mod robot;
 pub mod run_report;
 pub mod scan_store;
 pub mod step_table;

@@ -35,6 +35,11 @@ pub struct DirectoryEntry {
     tile: u16,
 }
 
+impl DirectoryEntry {
+    /// Of a place without a tile.
+    pub const EMPTY: Self = Self { key: 0, tile: 0 };
+}
+
 /// The memory lent to an [`NdtGrid`] does not fit together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum NdtMemoryError {

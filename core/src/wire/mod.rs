@@ -12,6 +12,7 @@
 //! * Nothing grows: a full queue is an error that the sender sees before anything has changed.
 
 pub mod frame;
+pub mod message;
 mod queue;
 pub mod session;
 

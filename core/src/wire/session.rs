@@ -215,9 +215,9 @@ impl<'m> Session<'m> {
         self.core.queue.base() == self.core.queue.end()
     }
 
-    /// Bytes that a reliable message may have now.
-    pub fn room(&self) -> usize {
-        self.core.queue.room().min(MAX_MESSAGE)
+    /// Bytes of reliable messages that the queue takes now.
+    pub fn queue_room(&self) -> usize {
+        self.core.queue.room()
     }
 
     /// What happened so far.

@@ -259,9 +259,9 @@ fn credit_stops_the_sender_and_lets_it_go_on() {
 fn full_queue_is_said_and_nothing_changes() {
     let mut end = End::new(1, None);
     end.speak(1_000_000);
-    let (sent, room) = (end.sent, end.session.room());
+    let (sent, room) = (end.sent, end.session.queue_room());
     assert!(sent > 100 && end.session.send(&[1_u8; 40].as_slice()).is_err());
-    assert_eq!(end.session.room(), room);
+    assert_eq!(end.session.queue_room(), room);
 }
 
 proptest! {

@@ -1,0 +1,150 @@
+//! Everything that decides what a robot does: with the same scans it then does the same.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::{ConfigError, Section};
+use crate::de::DeConfig;
+use crate::distributed_map::ParticleMapConfig;
+use crate::filter::FilterConfig;
+use crate::geometry::Pose2;
+use crate::laser_odometry::{LaserOdometryConfig, OdometryConfig};
+use crate::low_slam::{LowSlamConfig, LowSlamConfigs, RefinementConfig};
+use crate::matcher::{MatcherConfig, RecoveryConfig, SearchConfig};
+use crate::motion::ScanMatchingMotionConfig;
+use crate::ndt::NdtConfig;
+use crate::perception::PerceptionConfig;
+use crate::rays::RayConfig;
+use crate::slam::StepConfig;
+
+/// Which laser is plugged in.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LaserFamily {
+    /// Hokuyo with SCIP.
+    #[default]
+    Hokuyo,
+    /// SICK LMS2xx.
+    Sick,
+}
+
+/// The laser and its line.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LaserConfig {
+    /// Which driver.
+    pub family: LaserFamily,
+    /// Rate to change to if the laser is slower, bit/s; 0 keeps the one found.
+    pub baud: u32,
+    /// Hokuyo: neighbouring steps merged, 1..=99; 0 is 1.
+    pub cluster: u8,
+}
+
+/// See the [module](self).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RobotConfig {
+    /// Of all random numbers.
+    pub seed: u64,
+    /// Where the laser sits on the robot.
+    pub robot_from_lrf: Pose2,
+    /// The laser.
+    pub laser: LaserConfig,
+    /// Scan filter.
+    pub filter: FilterConfig,
+    /// Reference cells.
+    pub ndt: NdtConfig,
+    /// Search box.
+    pub search: SearchConfig,
+    /// Search effort.
+    pub de: DeConfig,
+    /// Matcher.
+    pub matcher: MatcherConfig,
+    /// Laser odometry.
+    pub odometry: OdometryConfig,
+    /// When lost.
+    pub recovery: RecoveryConfig,
+    /// When the filter takes a step.
+    pub steps: StepConfig,
+    /// Motion of the particles.
+    pub motion: ScanMatchingMotionConfig,
+    /// Particles.
+    pub particles: LowSlamConfig,
+    /// Their maps.
+    pub particle_map: ParticleMapConfig,
+    /// Beams.
+    pub rays: RayConfig,
+    /// Weights.
+    pub perception: PerceptionConfig,
+    /// Proposal.
+    pub refinement: RefinementConfig,
+}
+
+impl Default for RobotConfig {
+    /// What fits a microcontroller: one grid of cells instead of four, squares of 0.1 m, 32 particles, beams of up to 8 m.
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            robot_from_lrf: Pose2::IDENTITY,
+            laser: LaserConfig::default(),
+            filter: FilterConfig::default(),
+            ndt: NdtConfig { overlapping: false, ..NdtConfig::default() },
+            search: SearchConfig::default(),
+            de: DeConfig::default(),
+            matcher: MatcherConfig::default(),
+            odometry: OdometryConfig::default(),
+            recovery: RecoveryConfig::default(),
+            steps: StepConfig::default(),
+            motion: ScanMatchingMotionConfig::default(),
+            particles: LowSlamConfig { particles: 32, ..LowSlamConfig::default() },
+            particle_map: ParticleMapConfig { square_size_m: 0.1 },
+            rays: RayConfig { range_max_m: 8.0, ..RayConfig::default() },
+            perception: PerceptionConfig::default(),
+            refinement: RefinementConfig::default(),
+        }
+    }
+}
+
+impl RobotConfig {
+    /// # Errors
+    /// The first field out of its bounds.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let sections: [&dyn Section; 14] = [
+            &self.filter,
+            &self.ndt,
+            &self.search,
+            &self.de,
+            &self.matcher,
+            &self.odometry,
+            &self.recovery,
+            &self.steps,
+            &self.motion,
+            &self.particles,
+            &self.particle_map,
+            &self.rays,
+            &self.perception,
+            &self.refinement,
+        ];
+        sections.iter().try_for_each(|section| section.validate())
+    }
+
+    /// The part for laser odometry.
+    pub fn laser_odometry(&self) -> LaserOdometryConfig {
+        LaserOdometryConfig {
+            filter: self.filter,
+            ndt: self.ndt,
+            search: self.search,
+            de: self.de,
+            matcher: self.matcher,
+            odometry: self.odometry,
+            recovery: self.recovery,
+        }
+    }
+
+    /// The part for the particles.
+    pub fn low_slam(&self) -> LowSlamConfigs {
+        LowSlamConfigs {
+            filter: self.particles,
+            map: self.particle_map,
+            rays: self.rays,
+            perception: self.perception,
+            refinement: self.refinement,
+        }
+    }
+}

@@ -1,0 +1,386 @@
+//! The state machine: inputs in, outputs to [`Ports`].
+
+use core::fmt::Write as _;
+
+use super::config::RobotConfig;
+use super::laser::Laser;
+use super::mapping::{Mapped, Mapping, MappingMemory};
+use super::pools::{RobotMemory, TILE_SIDE};
+use super::report::MapReport;
+use crate::lrf::driver::{Event, Input as LaserInput, NEVER, Output};
+use crate::scan::{Beam, RangeScan};
+use crate::slam::ScanCapacityError;
+use crate::time::{Duration, Instant};
+use crate::wire::frame::MAX_FRAME;
+use crate::wire::message::{Capacities, FromRobot, Health, Identity, PARTICLES_MAX, ScanPose, Status, ToRobot};
+use crate::wire::session::{Received, Session};
+
+/// From one status to the next.
+const STATUS_EVERY: Duration = Duration::from_millis(250);
+/// Poses and words that wait for room in the queue.
+const POSES: usize = 16;
+
+/// What happened in the world.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Input<'a> {
+    /// The laser's port is open (again).
+    LaserConnected,
+    /// … is gone.
+    LaserDisconnected,
+    /// Bytes of the laser.
+    LaserBytes(&'a [u8]),
+    /// The host's port is open (again).
+    LinkConnected,
+    /// … is gone.
+    LinkDisconnected,
+    /// Bytes of the host.
+    LinkBytes(&'a [u8]),
+    /// The deadline has come, or the host's port has room again.
+    Timeout,
+}
+
+/// Where outputs go. Nothing here may wait.
+pub trait Ports {
+    /// Bytes for the laser.
+    fn send_to_laser(&mut self, bytes: &[u8]);
+    /// Set the laser's line to this rate, bit/s, after all bytes given before are out.
+    fn set_laser_baud(&mut self, baud: u32);
+    /// Bytes that the host's port takes now.
+    fn link_room(&self) -> usize;
+    /// A frame for the host, no longer than the room.
+    fn send_to_host(&mut self, frame: &[u8]);
+    /// Start anew, as after power on.
+    fn restart(&mut self);
+    /// What the board knows of itself.
+    fn health(&self) -> Health;
+    /// A scan was mapped: for logs and tests.
+    fn mapped(&mut self, _mapped: &Mapped) {}
+}
+
+/// The robot; see the [module](super).
+#[derive(Debug)]
+pub struct Robot<'m> {
+    board: &'static str,
+    capacities: Capacities,
+    link: Session<'m>,
+    work: Work<'m>,
+    map_report: MapReport<'m>,
+    owes_identity: bool,
+    answer: Option<Answer>,
+    poses: heapless::Deque<ScanPose, POSES>,
+    said: heapless::Deque<heapless::String<96>, 4>,
+    status: Status,
+    status_at: Instant,
+    laser_connected: bool,
+}
+
+/// To a request.
+#[derive(Debug, Clone)]
+enum Answer {
+    Configured,
+    Refused(heapless::String<96>),
+}
+
+#[derive(Debug)]
+// Either exists for all of a robot's life.
+#[allow(clippy::large_enum_variant)]
+enum Work<'m> {
+    /// For a configuration.
+    Waiting(Idle<'m>),
+    Mapping(Running<'m>),
+    /// Between the two.
+    Nothing,
+}
+
+#[derive(Debug)]
+struct Idle<'m> {
+    mapping: MappingMemory<'m>,
+    telegram: &'m mut [u8],
+    beams: &'m mut [Beam],
+}
+
+#[derive(Debug)]
+struct Running<'m> {
+    laser: Laser<'m>,
+    laser_deadline: Instant,
+    mapping: Mapping<'m>,
+}
+
+impl<'m> Robot<'m> {
+    /// A robot that waits for its ports and for a configuration.
+    ///
+    /// * `board` — its name; `epoch` — another number than before, after every start
+    pub fn new(board: &'static str, epoch: u32, memory: RobotMemory<'m>) -> Self {
+        let RobotMemory { mapping, link, telegram, beams, ledger } = memory;
+        let count = |length: usize| u16::try_from(length).unwrap_or(u16::MAX);
+        let capacities = Capacities {
+            beams: count(beams.len()),
+            particles: count(mapping.particles.particles.len().min(PARTICLES_MAX)),
+            tiles: count(mapping.particles.map.tiles.len()),
+            tile_side: TILE_SIDE as u8,
+            ndt_tiles: count(mapping.odometry.tiles.len()),
+        };
+        Self {
+            board,
+            capacities,
+            link: Session::new(epoch, None, link),
+            work: Work::Waiting(Idle { mapping, telegram, beams }),
+            map_report: MapReport::new(ledger),
+            owes_identity: false,
+            answer: None,
+            poses: heapless::Deque::new(),
+            said: heapless::Deque::new(),
+            status: Status::default(),
+            status_at: NEVER,
+            laser_connected: false,
+        }
+    }
+
+    /// The mapping, once it is configured.
+    pub fn mapping(&self) -> Option<&Mapping<'m>> {
+        match &self.work {
+            Work::Mapping(running) => Some(&running.mapping),
+            Work::Waiting(_) | Work::Nothing => None,
+        }
+    }
+
+    /// Takes one input, and gives what follows from it to `ports`; returns when [`Input::Timeout`] is due.
+    pub fn handle(&mut self, now: Instant, input: Input<'_>, ports: &mut impl Ports) -> Instant {
+        match input {
+            Input::LaserConnected => {
+                self.laser_connected = true;
+                self.give_laser(now, LaserInput::Connected, ports);
+            }
+            Input::LaserDisconnected => {
+                self.laser_connected = false;
+                self.give_laser(now, LaserInput::Disconnected, ports);
+            }
+            Input::LaserBytes(bytes) => self.give_laser_bytes(now, bytes, ports),
+            Input::LinkConnected => self.link.connected(now),
+            Input::LinkDisconnected => self.link.disconnected(),
+            Input::LinkBytes(bytes) => self.take_link(now, bytes, ports),
+            Input::Timeout => self.on_timeout(now, ports),
+        }
+        self.tell_host(now, ports);
+        self.deadline()
+    }
+
+    fn deadline(&self) -> Instant {
+        let laser = match &self.work {
+            Work::Mapping(running) => running.laser_deadline,
+            Work::Waiting(_) | Work::Nothing => NEVER,
+        };
+        laser.min(self.link.deadline()).min(self.status_at)
+    }
+
+    fn on_timeout(&mut self, now: Instant, ports: &mut impl Ports) {
+        if now >= self.link.deadline() {
+            self.link.timeout(now);
+        }
+        if matches!(&self.work, Work::Mapping(running) if now >= running.laser_deadline) {
+            self.give_laser(now, LaserInput::Timeout, ports);
+        }
+    }
+
+    fn give_laser_bytes(&mut self, now: Instant, bytes: &[u8], ports: &mut impl Ports) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let Work::Mapping(running) = &mut self.work else { return };
+            let taken = running.laser.driver().handle_input(now, LaserInput::Bytes(rest));
+            rest = rest.get(taken..).unwrap_or_default();
+            self.drain_laser(ports);
+        }
+    }
+
+    fn give_laser(&mut self, now: Instant, input: LaserInput<'_>, ports: &mut impl Ports) {
+        if let Work::Mapping(running) = &mut self.work {
+            let _ = running.laser.driver().handle_input(now, input);
+            self.drain_laser(ports);
+        }
+    }
+
+    fn drain_laser(&mut self, ports: &mut impl Ports) {
+        let Self { work: Work::Mapping(running), map_report, poses, said, status, .. } = self else { return };
+        let Running { laser, laser_deadline, mapping } = running;
+        let driver = laser.driver();
+        loop {
+            match driver.poll_output() {
+                Output::Timeout(deadline) => {
+                    *laser_deadline = deadline;
+                    break;
+                }
+                Output::Transmit(bytes) => ports.send_to_laser(bytes),
+                Output::SetBaud(baud) => ports.set_laser_baud(baud),
+                Output::Event(Event::Scan(scan)) => {
+                    let Ok(mapped) = map_scan(mapping, &scan, status) else { continue };
+                    if mapped.report.filter.is_some() {
+                        map_report.map_changed();
+                    }
+                    ports.mapped(&mapped);
+                    if poses.is_full() {
+                        let _ = poses.pop_front();
+                    }
+                    let _ = poses.push_back(mapped.pose);
+                }
+                Output::Event(event) => {
+                    if matches!(event, Event::Stopped { .. }) {
+                        map_report.tell_whole();
+                    }
+                    remember(said, &event);
+                }
+            }
+        }
+        let counters = driver.counters();
+        (status.damaged, status.restarts) = (counters.damaged, counters.restarts);
+    }
+
+    fn take_link(&mut self, now: Instant, bytes: &[u8], ports: &mut impl Ports) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let (taken, received) = self.link.take(now, rest);
+            let request = match received {
+                Some(Received::Reliable(message)) => postcard::from_bytes::<ToRobot>(message).ok(),
+                Some(Received::NewPeer { .. }) => {
+                    self.owes_identity = true;
+                    self.status_at = now;
+                    self.map_report.forget();
+                    None
+                }
+                _ => None,
+            };
+            rest = rest.get(taken..).unwrap_or_default();
+            match request {
+                Some(ToRobot::Configure(config)) => self.configure(now, &config, ports),
+                Some(ToRobot::Stop) => self.stop(now, ports),
+                Some(ToRobot::Restart) => ports.restart(),
+                None => {}
+            }
+        }
+    }
+
+    fn configure(&mut self, now: Instant, config: &RobotConfig, ports: &mut impl Ports) {
+        if let Some(mapping) = self.mapping() {
+            let is_same = mapping.config() == config;
+            self.answer = Some(if is_same { Answer::Configured } else { refused("running; restart it first") });
+            return;
+        }
+        if let Err(error) = config.validate() {
+            self.answer = Some(refused(error));
+            return;
+        }
+        let Work::Waiting(idle) = core::mem::replace(&mut self.work, Work::Nothing) else { return };
+        let mapping = match Mapping::new(config, idle.mapping) {
+            Ok(mapping) => mapping,
+            Err(error) => {
+                // Its memory is gone with it; a configuration that does not fit needs a restart.
+                self.answer = Some(refused(error));
+                return;
+            }
+        };
+        let laser = Laser::new(&config.laser, idle.telegram, idle.beams);
+        self.work = Work::Mapping(Running { laser, laser_deadline: NEVER, mapping });
+        self.answer = Some(Answer::Configured);
+        if self.laser_connected {
+            self.give_laser(now, LaserInput::Connected, ports);
+        }
+    }
+
+    fn stop(&mut self, now: Instant, ports: &mut impl Ports) {
+        match &self.work {
+            Work::Mapping(_) => self.give_laser(now, LaserInput::Stop, ports),
+            Work::Waiting(_) | Work::Nothing => self.answer = Some(refused("not configured")),
+        }
+    }
+
+    /// Queues what there is to say, most important first, and sends what the port has room for.
+    fn tell_host(&mut self, now: Instant, ports: &mut impl Ports) {
+        if self.link.is_live() {
+            let _ = self.queue_messages();
+            if now >= self.status_at {
+                self.status_at = now + STATUS_EVERY;
+                self.link.send_latest(&Status { now, health: ports.health(), ..self.status });
+            }
+        }
+        let mut memory = [0; MAX_FRAME];
+        while ports.link_room() >= MAX_FRAME {
+            let Some(frame) = self.link.poll_transmit(now, &mut memory) else { break };
+            ports.send_to_host(frame);
+        }
+    }
+
+    /// As far as there is room; what is left waits.
+    fn queue_messages(&mut self) -> Result<(), crate::wire::session::QueueFullError> {
+        let link = &mut self.link;
+        let mapping = match &mut self.work {
+            Work::Mapping(running) => Some(&mut running.mapping),
+            Work::Waiting(_) | Work::Nothing => None,
+        };
+        if self.owes_identity {
+            let (board, capacities, is_configured) = (self.board, self.capacities, mapping.is_some());
+            link.send(&FromRobot::Identity(Identity { board, is_configured, capacities }))?;
+            self.owes_identity = false;
+        }
+        if let Some(answer) = &self.answer {
+            match answer {
+                Answer::Configured => link.send(&FromRobot::Configured)?,
+                Answer::Refused(reason) => link.send(&FromRobot::Refused(reason))?,
+            };
+            self.answer = None;
+        }
+        while let Some(words) = self.said.front() {
+            link.send(&FromRobot::Said(words))?;
+            let _ = self.said.pop_front();
+        }
+        let Some(mapping) = mapping else { return Ok(()) };
+        if let Some(segment) = mapping.segment() {
+            link.send(&FromRobot::Segment(segment))?;
+            mapping.segment_told();
+        }
+        while let Some(pose) = self.poses.front() {
+            link.send(&FromRobot::Scan(*pose))?;
+            let _ = self.poses.pop_front();
+        }
+        self.map_report.run(mapping, link);
+        Ok(())
+    }
+}
+
+fn refused(reason: impl core::fmt::Display) -> Answer {
+    let mut text = heapless::String::new();
+    let _ = write!(text, "{reason}");
+    Answer::Refused(text)
+}
+
+fn map_scan(mapping: &mut Mapping<'_>, scan: &RangeScan<'_>, status: &mut Status) -> Result<Mapped, ScanCapacityError> {
+    let mapped =
+        mapping.add_scan(scan).inspect_err(|_| status.refused_scans = status.refused_scans.saturating_add(1))?;
+    status.scans = status.scans.saturating_add(1);
+    status.steps = mapping.steps();
+    status.map_from_robot = mapped.report.map_from_robot;
+    status.lost_scans = status.lost_scans.saturating_add(u32::from(mapped.report.odometry.is_lost));
+    if let Some(filter) = &mapped.report.filter {
+        status.particles = filter.particles as u16;
+        status.tiles = filter.tiles as u16;
+        status.dropped_particles = status.dropped_particles.saturating_add(filter.dropped as u32);
+    }
+    Ok(mapped)
+}
+
+/// What the laser does, in words for the host; when it says more than fits, the oldest goes.
+fn remember(said: &mut heapless::Deque<heapless::String<96>, 4>, event: &Event<'_>) {
+    let mut text = heapless::String::new();
+    // A text that does not fit is cut.
+    let _ = match event {
+        Event::Found { baud } => write!(text, "laser found at {baud} bit/s"),
+        Event::Identified(identity) => write!(text, "laser is {}", identity.model.trim()),
+        Event::Streaming { .. } => write!(text, "laser sends scans"),
+        Event::Trouble(trouble) => write!(text, "{trouble}"),
+        Event::Stopped { laser_off: true } => write!(text, "laser is off"),
+        Event::Stopped { laser_off: false } => write!(text, "laser has not confirmed that it is off"),
+        Event::Scan(_) => Ok(()),
+    };
+    if said.is_full() {
+        let _ = said.pop_front();
+    }
+    let _ = said.push_back(text);
+}

@@ -1,0 +1,61 @@
+//! The robot's program on a microcontroller: laser on one UART, host on another. All of its sense is in `lrfslam_core::robot`; here
+//! bytes and the time are brought to it.
+#![no_std]
+#![no_main]
+#![deny(unsafe_code)]
+
+mod board;
+mod port;
+
+use board::Board;
+use lrfslam_core::robot::{Input, Robot};
+use lrfslam_core::time::Instant;
+use static_cell::ConstStaticCell;
+
+#[cfg(not(feature = "compact"))]
+type Pools = lrfslam_core::robot::StandardPools;
+#[cfg(feature = "compact")]
+type Pools = lrfslam_core::robot::CompactPools;
+
+static POOLS: ConstStaticCell<Pools> = ConstStaticCell::new(Pools::EMPTY);
+
+/// Bytes handled at once.
+const CHUNK: usize = 256;
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    let mut board = Board::take();
+    let mut robot = Robot::new(board::NAME, board.epoch(), POOLS.take().lend());
+    let mut give = |board: &mut Board, input: Input<'_>| {
+        let started = board.now();
+        let deadline = robot.handle(started, input, board);
+        board.took(started);
+        deadline
+    };
+    give(&mut board, Input::LaserConnected);
+    let mut deadline = give(&mut board, Input::LinkConnected);
+    let mut chunk = [0; CHUNK];
+    loop {
+        board.feed_watchdog();
+        deadline = match next_input(&mut board, deadline, &mut chunk) {
+            Some(input) => give(&mut board, input),
+            None => {
+                board.sleep();
+                deadline
+            }
+        };
+    }
+}
+
+/// The laser first: its bytes carry the time.
+fn next_input<'c>(board: &mut Board, deadline: Instant, chunk: &'c mut [u8]) -> Option<Input<'c>> {
+    let count = board.laser().read(chunk);
+    if count > 0 {
+        return chunk.get(..count).map(Input::LaserBytes);
+    }
+    let count = board.link().read(chunk);
+    if count > 0 {
+        return chunk.get(..count).map(Input::LinkBytes);
+    }
+    (board.link_has_room() || board.now() >= deadline).then_some(Input::Timeout)
+}

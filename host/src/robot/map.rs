@@ -1,0 +1,93 @@
+//! What a robot has told so far: the particles' paths, the scans' poses, and the map of the best particle.
+
+use std::collections::BTreeMap;
+
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::wire::message::{Capacities, FromRobot, ScanPose, Segment, TileUpdate};
+
+use crate::trajectory::TimedPose;
+
+/// Tiles by column and row.
+pub type Tiles = BTreeMap<(i16, i16), Vec<u8>>;
+
+/// See the [module](self).
+#[derive(Debug, Clone, Default)]
+pub struct RobotMap {
+    capacities: Capacities,
+    segments: Vec<Segment>,
+    scans: Vec<ScanPose>,
+    tiles: Tiles,
+    is_complete: bool,
+}
+
+impl RobotMap {
+    /// Takes a message; those that say nothing about the map change nothing.
+    pub fn take(&mut self, message: &FromRobot<'_>) {
+        match message {
+            FromRobot::Identity(identity) => self.capacities = identity.capacities,
+            FromRobot::Segment(segment) => self.segments.push(segment.clone()),
+            FromRobot::Scan(scan) => self.scans.push(*scan),
+            FromRobot::Tile(tile) => self.take_tile(tile),
+            FromRobot::MapBegin => {
+                self.tiles.clear();
+                self.is_complete = false;
+            }
+            FromRobot::MapEnd(tiles) => self.is_complete = self.tiles.len() == *tiles as usize,
+            FromRobot::Configured | FromRobot::Refused(_) | FromRobot::Said(_) => {}
+        }
+    }
+
+    fn take_tile(&mut self, tile: &TileUpdate<'_>) {
+        self.tiles.insert((tile.column, tile.row), tile.squares.to_vec());
+    }
+
+    /// True if the robot has stopped and all of its map is here.
+    pub fn is_complete(&self) -> bool {
+        self.is_complete
+    }
+
+    /// What the robot's memory holds.
+    pub fn capacities(&self) -> Capacities {
+        self.capacities
+    }
+
+    /// All segments, in order.
+    pub fn segments(&self) -> &[Segment] {
+        &self.segments
+    }
+
+    /// All scans' poses, in order, each relative to the filter's step before.
+    pub fn scans(&self) -> &[ScanPose] {
+        &self.scans
+    }
+
+    /// The map as it is known: hits and travelled distance of every square of every tile.
+    pub fn tiles(&self) -> &Tiles {
+        &self.tiles
+    }
+
+    /// The best particle's poses at the ends of the segments, the last first: its path back to where segments are missing.
+    fn steps_backwards(&self) -> impl Iterator<Item = (u32, Pose2)> + '_ {
+        let mut index = self.segments.last().map_or(0, |last| usize::from(last.best));
+        let mut since_step = None;
+        self.segments.iter().rev().map_while(move |segment| {
+            if since_step.is_some_and(|expected| expected != segment.step) {
+                return None;
+            }
+            let node = segment.particles.get(index)?;
+            index = usize::from(node.parent);
+            since_step = Some(segment.since_step);
+            Some((segment.step, node.map_from_robot))
+        })
+    }
+
+    /// The best particle's path: a pose for each scan whose step is known.
+    pub fn path(&self) -> Vec<TimedPose> {
+        let steps: BTreeMap<u32, Pose2> = self.steps_backwards().collect();
+        let pose = |scan: &ScanPose| {
+            let at_step = steps.get(&scan.step)?;
+            Some(TimedPose { stamp: scan.stamp, map_from_robot: *at_step * scan.moved })
+        };
+        self.scans.iter().filter_map(pose).collect()
+    }
+}
