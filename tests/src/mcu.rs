@@ -33,17 +33,17 @@ const PATIENCE: WallDuration = WallDuration::from_secs(120);
 /// Which microcontroller, with what in it.
 #[derive(Debug, Clone)]
 pub struct Mcu {
-    /// QEMU's name of the board.
-    pub machine: &'static str,
+    /// QEMU's name of the board, and what sets the image apart.
+    pub machine: String,
     /// The image.
     pub image: PathBuf,
-    /// Where its loader puts how slow the simulation is.
+    /// Its first two words say how slow the simulation is.
     psram: u32,
 }
 
 impl Mcu {
     /// The image for `machine` in the folder that the environment names by `LRFSLAM_FIRMWARE`; `None`, said on standard error, without.
-    pub fn find(machine: &'static str) -> Option<Self> {
+    pub fn find(machine: &str) -> Option<Self> {
         let Some(folder) = std::env::var_os("LRFSLAM_FIRMWARE") else {
             eprintln!(
                 "skipped: no firmware (firmware-sim/firmware/build makes it; set LRFSLAM_FIRMWARE to its folder)"
@@ -52,7 +52,21 @@ impl Mcu {
         };
         let image = Path::new(&folder).join(machine);
         let psram = if machine.starts_with("mps2-an500") { 0x6000_0000 } else { 0x2100_0000 };
-        Some(Self { machine, image, psram })
+        Some(Self { machine: machine.to_owned(), image, psram })
+    }
+
+    /// Address of the board's PSRAM.
+    pub fn psram(&self) -> u32 {
+        self.psram
+    }
+
+    /// QEMU with the board and the image, and nothing at its lines.
+    pub fn qemu(&self) -> Command {
+        let qemu = std::env::var_os("LRFSLAM_QEMU").unwrap_or_else(|| "qemu-system-arm".into());
+        let board = self.machine.get(.."mps2-anXXX".len()).unwrap_or(&self.machine);
+        let mut command = Command::new(qemu);
+        command.args(["-M", board, "-display", "none", "-monitor", "none", "-kernel"]).arg(&self.image);
+        command
     }
 
     /// Starts it; it waits until somebody is at both its lines.
@@ -60,10 +74,7 @@ impl Mcu {
         let serial = |name: &str| format!("unix:{},server=on,wait=on", folder.join(name).display());
         let loader = |at: u32, data: u32| format!("loader,addr={at:#x},data={data},data-len=4");
         let mark = u32::from_le_bytes(*b"slow");
-        let board = self.machine.split("-compact").next().unwrap_or(self.machine);
-        let qemu = std::env::var_os("LRFSLAM_QEMU").unwrap_or_else(|| "qemu-system-arm".into());
-        let mut command = Command::new(qemu);
-        command.args(["-M", board, "-display", "none", "-monitor", "none", "-kernel"]).arg(&self.image);
+        let mut command = self.qemu();
         command.args(["-serial", &serial("laser"), "-serial", &serial("link")]);
         command.args(["-device", &loader(self.psram, mark), "-device", &loader(self.psram + 4, slow)]);
         command.stdin(Stdio::null()).spawn().context("starting qemu-system-arm")

@@ -2,10 +2,11 @@
 
 use super::config::RobotConfig;
 use super::pools::TILE_SIDE;
+use crate::distributed_map::Window;
 use crate::laser_odometry::{LaserOdometry, OdometryMemory};
-use crate::low_slam::{LowSlam, LowSlamMemory, LowSlamMemoryError};
+use crate::low_slam::{LowSlam, LowSlamMemory, LowSlamMemoryError, Weighing};
 use crate::ndt::NdtMemoryError;
-use crate::particles::Particle;
+use crate::particles::{Particle, Sample};
 use crate::random::RandomStream;
 use crate::scan::RangeScan;
 use crate::slam::{ScanCapacityError, Slam, StepReport};
@@ -118,10 +119,20 @@ impl<'m> Mapping<'m> {
     /// # Errors
     /// [`ScanCapacityError`] if it has more beams than there is memory for.
     pub fn add_scan(&mut self, scan: &RangeScan<'_>) -> Result<Mapped, ScanCapacityError> {
+        self.add_scan_with(scan, |weighing, samples, window| weighing.weigh_all(samples, window))
+    }
+
+    /// Maps a scan; for `weigh` see [`LowSlam::step_with`].
+    ///
+    /// # Errors
+    /// [`ScanCapacityError`] if it has more beams than there is memory for.
+    pub fn add_scan_with(
+        &mut self,
+        scan: &RangeScan<'_>,
+        weigh: impl FnOnce(&Weighing<'_, 'm, TILE_SIDE>, &mut [Sample], &mut Window<'m>),
+    ) -> Result<Mapped, ScanCapacityError> {
         let mounting = self.config.robot_from_lrf;
-        let report = self.slam.step_with(scan, mounting, None, &mut self.rng, |weighing, samples, window| {
-            weighing.weigh_all(samples, window);
-        })?;
+        let report = self.slam.step_with(scan, mounting, None, &mut self.rng, weigh)?;
         if let Some(filter) = &report.filter {
             self.best = filter.best as u8;
             self.lineage.advance(self.slam.filter().particles(), scan.stamp);

@@ -2,20 +2,13 @@
 //! bytes and the time are brought to it.
 #![no_std]
 #![no_main]
-#![deny(unsafe_code)]
+#![forbid(unsafe_code)]
 
-mod board;
-mod port;
-
-use board::Board;
 use lrfslam_core::robot::{Input, Robot};
 use lrfslam_core::time::Instant;
+use lrfslam_firmware::Pools;
+use lrfslam_firmware::board::{self, Board};
 use static_cell::ConstStaticCell;
-
-#[cfg(not(feature = "compact"))]
-type Pools = lrfslam_core::robot::StandardPools;
-#[cfg(feature = "compact")]
-type Pools = lrfslam_core::robot::CompactPools;
 
 static POOLS: ConstStaticCell<Pools> = ConstStaticCell::new(Pools::EMPTY);
 

@@ -23,6 +23,8 @@ impl Default for ClientMemory {
 }
 
 /// What the robot says.
+// An event lives for a moment on the stack.
+#[allow(clippy::large_enum_variant)]
 #[derive(Debug)]
 pub enum RobotEvent<'a> {
     /// A robot that was not there before, or was started anew.

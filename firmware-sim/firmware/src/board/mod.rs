@@ -5,10 +5,10 @@ mod fault;
 mod mps2;
 #[cfg(feature = "nucleo-h743zi")]
 mod nucleo_h743zi;
-mod stack;
+pub mod stack;
 
 #[cfg(any(feature = "mps2-an500", feature = "mps2-an386"))]
-pub use mps2::{Board, NAME};
+pub use mps2::{Board, NAME, recording};
 #[cfg(feature = "nucleo-h743zi")]
 pub use nucleo_h743zi::{Board, NAME};
 

@@ -70,6 +70,15 @@ register_structs! {
     }
 }
 
+/// A recording that the loader has put behind these words: its length, then as many bytes.
+pub fn recording() -> &'static [u8] {
+    // SAFETY: 16 MiB of memory that nobody writes; the length is kept within it.
+    unsafe {
+        let length = core::ptr::read_volatile((PSRAM + 8) as *const u32) as usize;
+        core::slice::from_raw_parts((PSRAM + 12) as *const u8, length.min((16 << 20) - 12))
+    }
+}
+
 /// The peripherals that are used here.
 struct Registers {
     laser: &'static Uart,
