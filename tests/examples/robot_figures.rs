@@ -105,7 +105,7 @@ fn map_error(scans: &[LogScan], poses: &[Pose2], truth: &[Pose2]) -> f64 {
 
 fn on_this_computer(scans: &[LogScan]) -> anyhow::Result<Vec<Pose2>> {
     let config = RunConfig::default();
-    let mut memory = MapperMemory::new(&config);
+    let mut memory = MapperMemory::new(&config, 1);
     let mut mapper = Mapper::new(&config, 1, &mut memory)?;
     let robot_from_lrf = mounting(scans);
     let pose = |scan: &LogScan| Ok(mapper.add_scan(&scan.scan(), robot_from_lrf, None)?.0.map_from_robot);

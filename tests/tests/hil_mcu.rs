@@ -6,7 +6,8 @@ use std::sync::Mutex;
 use lrfslam_core::robot::{LaserConfig, LaserFamily, Mapping, RobotConfig, StandardPools};
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::wire::message::{ScanPose, Segment};
-use lrfslam_firmware_sim::scene::FlatWorld;
+use lrfslam_firmware_sim::scenario::Scenario;
+use lrfslam_firmware_sim::scene::RobotScene;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
@@ -38,7 +39,7 @@ fn segment_bits(segment: &Segment) -> Vec<(u8, [u32; 3])> {
 
 /// Every tile that the best particle sees.
 fn tiles(mapping: &Mapping<'_>) -> lrfslam_host::robot::Tiles {
-    let filter = mapping.filter();
+    let filter = mapping.slam().filter();
     let leaf = mapping.best().expect("there is a particle").node;
     let mut tiles = lrfslam_host::robot::Tiles::new();
     for (place, tile) in filter.map().tiles_seen_from(filter.ancestry(), leaf) {
@@ -69,6 +70,10 @@ fn check(drive: &Drive, config: &RobotConfig, scans: usize) {
     assert_eq!(drive.map.path().len(), poses.len());
 }
 
+fn room() -> Box<RobotScene> {
+    Box::new(Scenario::load("room").expect("comes with the program").scene())
+}
+
 /// A search that QEMU gets done in a tenth of the time of the default one; the bits show the same as in a long one.
 fn light(laser: LaserConfig) -> RobotConfig {
     let mut config = RobotConfig { laser, ..RobotConfig::default() };
@@ -90,7 +95,7 @@ fn run(machine: &'static str, device: &mut dyn VirtualLrf, laser: LaserConfig, s
 
 #[test]
 fn urg_04lx_on_a_cortex_m7_maps_as_this_computer_does() {
-    let mut device = VirtualHokuyo::new(HokuyoModel::urg_04lx(), Box::new(FlatWorld::room()), 1);
+    let mut device = VirtualHokuyo::new(HokuyoModel::urg_04lx(), room(), 1);
     device.set_baud(250_000); // QEMU's UART takes any rate, so that the first one tried is the one found
     let laser = LaserConfig { family: LaserFamily::Hokuyo, baud: 250_000, cluster: 1 };
     run("mps2-an500", &mut device, laser, 60, 4);
@@ -98,7 +103,7 @@ fn urg_04lx_on_a_cortex_m7_maps_as_this_computer_does() {
 
 #[test]
 fn lms200_on_a_cortex_m4f_maps_as_this_computer_does() {
-    let mut device = VirtualSick::new(SickModel::lms200(), Box::new(FlatWorld::room()), 1);
+    let mut device = VirtualSick::new(SickModel::lms200(), room(), 1);
     device.set_baud(38_400); // as above
     let laser = LaserConfig { family: LaserFamily::Sick, baud: 38_400, cluster: 1 };
     run("mps2-an386", &mut device, laser, 60, 4);

@@ -51,6 +51,8 @@ pub enum Packet<'a> {
         base: u32,
         /// How many messages from `next` on the sender takes.
         credit: u16,
+        /// The receiver's hello has come since the link was opened.
+        is_heard: bool,
     },
     /// A reliable message.
     Reliable {
@@ -292,7 +294,8 @@ impl SessionCore<'_> {
     fn on_packet<'a>(&mut self, now: Instant, packet: Packet<'a>) -> Option<Received<'a>> {
         match packet {
             Packet::Hello { version, .. } if version != VERSION => Some(Received::OtherVersion(version)),
-            Packet::Hello { epoch, peer, next, base, credit, .. } => {
+            Packet::Hello { epoch, peer, next, base, credit, is_heard, .. } => {
+                self.owes_hello |= !is_heard;
                 self.on_hello(now, Progress { epoch, next: base }, peer, next, credit)
             }
             Packet::Reliable { epoch, sequence, message } => {
@@ -421,7 +424,8 @@ impl SessionCore<'_> {
         Some(match self.turn()? {
             Turn::Hello => {
                 let peer = self.peer.map(|peer| peer.epoch);
-                Packet::Hello { version: VERSION, epoch, peer, next, base: self.queue.base(), credit }
+                let (base, is_heard) = (self.queue.base(), self.is_live);
+                Packet::Hello { version: VERSION, epoch, peer, next, base, credit, is_heard }
             }
             Turn::Ack => {
                 let peer = self.peer.map_or(0, |peer| peer.epoch);

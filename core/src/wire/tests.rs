@@ -1,5 +1,6 @@
 use super::frame::{FrameDecoder, MAX_FRAME, MAX_PAYLOAD, encode};
-use super::session::{Progress, Received, Session, SessionMemory};
+use super::message::{FromRobot, TileUpdate};
+use super::session::{Packet, Progress, Received, Session, SessionMemory, VERSION};
 use crate::random::RandomStream;
 use crate::time::{Duration, Instant};
 use proptest::prelude::*;
@@ -265,7 +266,7 @@ fn full_queue_is_said_and_nothing_changes() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(32))]
+    #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
     fn a_bad_line_loses_nothing(rate in 0.0..0.1_f32, seed in any::<u64>()) {
@@ -334,5 +335,33 @@ proptest! {
         let first = pair.robot.heard[0];
         prop_assert!(first as usize <= heard_before.len());
         prop_assert_eq!(&pair.robot.heard, &numbers(first..500));
+    }
+}
+
+/// Its bytes were computed by other code than ours.
+const SPECIFICATION: &str = include_str!("../../../docs/robot-link.md");
+
+fn is_in_the_specification(frame: &[u8]) -> bool {
+    let words: Vec<std::string::String> = frame.iter().map(|byte| std::format!("{byte:02x}")).collect();
+    SPECIFICATION.contains(&std::format!("    {}", words.join(" ")))
+}
+
+fn packet(packet: Packet<'_>) -> Vec<u8> {
+    let mut memory = [0; MAX_FRAME];
+    framed(postcard::to_slice(&packet, &mut memory).unwrap())
+}
+
+#[test]
+fn examples_of_the_specification_are_what_is_sent() {
+    let hello =
+        Packet::Hello { version: VERSION, epoch: 20, peer: None, next: 0, base: 0, credit: 32, is_heard: false };
+    let ack = Packet::Ack { epoch: 10, peer: 20, next: 3, credit: 32, missing: false };
+    let mut squares = [0; 128];
+    squares[..2].copy_from_slice(&[1, 4]);
+    let tile = FromRobot::Tile(TileUpdate { column: -1, row: 2, squares: &squares });
+    let mut memory = [0; MAX_FRAME];
+    let tile = framed(postcard::to_slice(&tile, &mut memory).unwrap());
+    for example in [&framed(b"123456789"), &packet(hello), &packet(ack), &tile[..14].to_vec()] {
+        assert!(is_in_the_specification(example), "{example:02x?}");
     }
 }
