@@ -196,11 +196,9 @@ fn instructions(log: &str, scans: usize) -> anyhow::Result<()> {
         ensure!(told.len() == scans.len(), "{} of {} scans came back", told.len(), scans.len());
         println!("\n{machine}: {log}, {} scans, stack {stack} bytes", scans.len());
         print_stages(&told);
-        let done = if beams == 682 {
-            map(&mut Mapping::new(&config, Box::new(StandardPools::EMPTY).lend().mapping)?, &scans)
-        } else {
-            map(&mut Mapping::new(&config, Box::new(CompactPools::EMPTY).lend().mapping)?, &scans)
-        };
+        let (mut standard, mut small) = (Box::new(StandardPools::EMPTY), Box::new(CompactPools::EMPTY));
+        let memory = if beams == 682 { standard.lend().mapping } else { small.lend().mapping };
+        let done = map(&mut Mapping::new(&config, memory)?, &scans);
         let here = done.poses.iter().map(|pose| [pose.x, pose.y, pose.heading].map(f32::to_bits));
         let equal = here.zip(&told).filter(|(here, told)| *here == told.pose).count();
         println!("{equal} of {} poses equal those of this computer bit for bit", told.len());

@@ -37,7 +37,7 @@ pub struct LaserConfig {
     pub cluster: u8,
 }
 
-/// See the [module](self).
+/// The configuration of a robot with all its parts: what a host gives it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RobotConfig {
     /// Of all random numbers.

@@ -45,7 +45,7 @@ pub struct Mapped {
     pub pose: ScanPose,
 }
 
-/// See the [module](self).
+/// The SLAM with its random numbers, and with what the host is to be told of it.
 #[derive(Debug)]
 pub struct Mapping<'m> {
     config: RobotConfig,

@@ -37,7 +37,7 @@ pub enum RobotEvent<'a> {
     OtherVersion(u16),
 }
 
-/// See the [module](self).
+/// The host's end of a session: bytes and the time in, frames and events out.
 #[derive(Debug)]
 pub struct RobotClient<'m> {
     config: RobotConfig,

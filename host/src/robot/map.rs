@@ -10,7 +10,7 @@ use crate::trajectory::TimedPose;
 /// Tiles by column and row.
 pub type Tiles = BTreeMap<(i16, i16), Vec<u8>>;
 
-/// See the [module](self).
+/// What a robot has told so far.
 #[derive(Debug, Clone, Default)]
 pub struct RobotMap {
     capacities: Capacities,
