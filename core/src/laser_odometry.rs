@@ -162,6 +162,13 @@ impl<'m> LaserOdometry<'m> {
         self.map_from_robot
     }
 
+    /// Whoever knows better says where the robot is; the next scan is expected and matched from there. The reference stays as it is.
+    pub fn correct(&mut self, map_from_robot: Pose2) {
+        if map_from_robot.is_finite() {
+            self.map_from_robot = map_from_robot;
+        }
+    }
+
     /// The reference.
     pub fn ndt(&self) -> &NdtGrid<'m> {
         &self.ndt

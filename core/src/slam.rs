@@ -4,6 +4,9 @@
 //!
 //! The filter takes a step once the robot has moved far enough; between its steps the pose follows the laser odometry. A scan that the
 //! odometry does not believe is not shown to the filter.
+//!
+//! After every step the odometry goes on from the best particle, so that the map it matches against grows along that particle's path. Were
+//! it left alone, the particles' noise would add up over the run: nothing would ever bring them back to where their map fits.
 
 use rand_core::Rng;
 
@@ -65,10 +68,8 @@ pub struct Slam<'m, const SIDE: usize> {
     motion: ScanMatchingMotionConfig,
     odometry: LaserOdometry<'m>,
     filter: LowSlam<'m, SIDE>,
-    /// Of the best particle, at the filter's last step.
-    map_from_robot: Pose2,
-    /// By laser odometry, at the same time.
-    odometry_at_step: Option<Pose2>,
+    /// Pose of the best particle at the filter's last step.
+    map_from_step: Option<Pose2>,
     /// Axis in the odometry's map that some scan since then left undetermined.
     undetermined: Option<Point2>,
 }
@@ -81,15 +82,7 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
         odometry: LaserOdometry<'m>,
         filter: LowSlam<'m, SIDE>,
     ) -> Self {
-        Self {
-            config: *config,
-            motion: *motion,
-            odometry,
-            filter,
-            map_from_robot: Pose2::IDENTITY,
-            odometry_at_step: None,
-            undetermined: None,
-        }
+        Self { config: *config, motion: *motion, odometry, filter, map_from_step: None, undetermined: None }
     }
 
     /// The particles and their maps.
@@ -120,20 +113,21 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
     ) -> Result<StepReport, ScanCapacityError> {
         let odometry = self.odometry.step(scan, robot_from_lrf, displacement, rng)?;
         let matched = &odometry.matched;
-        let previous = self.odometry_at_step.unwrap_or(matched.map_from_robot);
-        let moved = previous.between(matched.map_from_robot);
+        let map_from_robot = matched.map_from_robot;
+        let previous = self.map_from_step.unwrap_or(map_from_robot);
         self.undetermined = matched.undetermined.or(self.undetermined);
-        if odometry.is_lost || (self.odometry_at_step.is_some() && !self.config.is_due(moved)) {
-            return Ok(StepReport { map_from_robot: self.map_from_robot * moved, odometry, filter: None });
+        let is_due = self.map_from_step.is_none() || self.config.is_due(previous.between(map_from_robot));
+        if odometry.is_lost || !is_due {
+            return Ok(StepReport { map_from_robot, odometry, filter: None });
         }
-        let motion = MatchedMotion::from_map(previous, matched.map_from_robot, &matched.covariance, self.undetermined);
+        let motion = MatchedMotion::from_map(previous, map_from_robot, &matched.covariance, self.undetermined);
         let motion = ScanMatchingMotion::new(&self.motion, &motion);
         let sweep = Sweep { scan: *scan, robot_from_lrf, motion: odometry.motion };
         let filter = self.filter.step_with(&sweep, &motion, weigh)?;
-        self.map_from_robot = filter.map_from_robot;
-        self.odometry_at_step = Some(matched.map_from_robot);
+        self.odometry.correct(filter.map_from_robot);
+        self.map_from_step = Some(filter.map_from_robot);
         self.undetermined = None;
-        Ok(StepReport { map_from_robot: self.map_from_robot, odometry, filter: Some(filter) })
+        Ok(StepReport { map_from_robot: filter.map_from_robot, odometry, filter: Some(filter) })
     }
 }
 

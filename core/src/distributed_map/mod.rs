@@ -39,6 +39,8 @@ crate::config! {
     pub struct ParticleMapConfig {
         /// Side of a square, m. The original: 0.0286. Cost per ray is in inverse proportion, memory in inverse square.
         square_size_m: f32 = 0.1, in 0.01..=1.0;
+        /// Every so many rays are printed, the others at the next steps; cost is in inverse proportion. The thesis: 1.
+        print_step: u16 = 2, in 1..=100;
     }
 }
 

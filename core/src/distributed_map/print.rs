@@ -22,8 +22,9 @@ pub struct PrintReport {
 pub struct Print<'a> {
     rays: &'a [Ray],
     map_from_lrf: Pose2,
-    /// Rays done, and squares done of the next one.
-    rays_done: usize,
+    /// The next ray, how many on the one after it is, and squares done of the next one.
+    next_ray: usize,
+    ray_step: usize,
     squares_done: usize,
     report: PrintReport,
 }
@@ -31,7 +32,13 @@ pub struct Print<'a> {
 impl<'a> Print<'a> {
     /// To print `rays`, seen by a laser at `map_from_lrf`.
     pub fn new(rays: &'a [Ray], map_from_lrf: Pose2) -> Self {
-        Self { rays, map_from_lrf, rays_done: 0, squares_done: 0, report: PrintReport::default() }
+        Self { rays, map_from_lrf, next_ray: 0, ray_step: 1, squares_done: 0, report: PrintReport::default() }
+    }
+
+    /// Only every `step`-th ray, from `first` on.
+    #[must_use]
+    pub fn every(self, step: usize, first: usize) -> Self {
+        Self { next_ray: first, ray_step: step.max(1), ..self }
     }
 
     /// Prints into the map that `window` shows: distance into every square passed, a hit into the last one of a ray that hit
@@ -47,7 +54,7 @@ impl<'a> Print<'a> {
     ) -> Result<PrintReport, PoolFullError> {
         let start = window.to_squares::<SIDE>(self.map_from_lrf.position(), map.config.square_size_m);
         let (sin, cos) = sin_cos(self.map_from_lrf.heading);
-        while let Some(ray) = self.rays.get(self.rays_done) {
+        while let Some(ray) = self.rays.get(self.next_ray) {
             let direction = Point2::new(
                 cos * ray.direction.x - sin * ray.direction.y,
                 sin * ray.direction.x + cos * ray.direction.y,
@@ -55,7 +62,7 @@ impl<'a> Print<'a> {
             let (chords, cut) = window.ray::<SIDE>(start, direction, ray.length_m / map.config.square_size_m);
             self.print_ray(map, window, chords, ray.hit && !cut)?;
             self.report.rays_cut += u32::from(cut);
-            self.rays_done += 1;
+            self.next_ray += self.ray_step;
             self.squares_done = 0;
         }
         Ok(self.report)

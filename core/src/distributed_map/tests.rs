@@ -11,7 +11,7 @@ use std::vec;
 use std::vec::Vec;
 
 const SIDE: usize = 4;
-const CONFIG: ParticleMapConfig = ParticleMapConfig { square_size_m: 0.25 };
+const CONFIG: ParticleMapConfig = ParticleMapConfig { square_size_m: 0.25, print_step: 1 };
 type WholeMap = HashMap<(i32, i32), Square>;
 
 /// Memory for a map, to be lent.

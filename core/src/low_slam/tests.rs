@@ -59,7 +59,7 @@ impl Memory {
 fn configs(particles: u16) -> LowSlamConfigs {
     LowSlamConfigs {
         filter: LowSlamConfig { particles, ..Default::default() },
-        map: ParticleMapConfig { square_size_m: 0.1 },
+        map: ParticleMapConfig { square_size_m: 0.1, ..Default::default() },
         ..Default::default()
     }
 }

@@ -139,12 +139,15 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             ancestry: &mut self.ancestry,
             map: &mut self.map,
         };
+        // There is no next time for what the first scan leaves out: the second is weighed against it.
+        let ray_step = if self.steps == 0 { 1 } else { usize::from(self.config.map.print_step.max(1)) };
+        let first_ray = self.steps as usize % ray_step;
         let window = &mut self.window;
         let mut leaf = Some(population.ancestry.first_leaf(NodeId::ROOT));
         window.open(population.map, population.ancestry, frame, leaf.unwrap_or_default());
         while let Some(index) = leaf.and_then(|leaf| population.ancestry.particle(leaf)) {
             let Some(particle) = population.particles.get(index) else { break };
-            let print = Print::new(rays, particle.map_from_robot * self.robot_from_lrf);
+            let print = Print::new(rays, particle.map_from_robot * self.robot_from_lrf).every(ray_step, first_ray);
             let stays = population.print(index, print, window, report);
             leaf = window.next_leaf(population.map, population.ancestry);
             if !stays {

@@ -21,7 +21,7 @@ fn with_map(scans: &[(Vec<Ray>, Pose2)], test: impl FnOnce(MapView<'_, '_, SIDE>
     let memory =
         MapMemory { tiles: &mut tiles, headers: &mut headers, node_tiles: &mut node_tiles, directory: &mut directory };
     let tree = Ancestry::new(&mut nodes).unwrap();
-    let mut map = DistributedMap::new(&ParticleMapConfig { square_size_m: SIZE }, memory).unwrap();
+    let mut map = DistributedMap::new(&ParticleMapConfig { square_size_m: SIZE, print_step: 1 }, memory).unwrap();
     let mut window = Window::new(&mut slots).unwrap();
     let frame = WindowFrame::around(Point2::new(-9.0, -9.0), Point2::new(9.0, 9.0), 32, SIZE * SIDE as f32);
     window.open(&map, &tree, frame, NodeId::ROOT);
