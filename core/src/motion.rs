@@ -21,22 +21,23 @@ pub trait Motion {
 crate::config! {
     /// Motion model from scan matching (thesis table 4.7): standard deviations of the matcher's errors, for one step of the filter. The thesis measures
     /// them and states no numbers. Only errors that add up belong here: those that a later match in the same map corrects would shake particles off
-    /// the matched path. `lrfslam calibrate` tells the two apart; the defaults are what it
-    /// finds on the Intel log (on ACES with its corridors: 0.005 m, 0.004 m, 0.012 degrees).
+    /// the matched path. `lrfslam calibrate` tells the two apart. On the
+    /// Intel log it finds 0.0002 m, 0.0002 m, 0.004 degrees; a quarter of that and less is the default, since the laser cannot tell such particles apart and their
+    /// noise is what remains of the choice.
     pub struct ScanMatchingMotionConfig {
         /// Forward, m.
-        forward_m: f32 = 0.0002, in 0.0..=1.0;
+        forward_m: f32 = 0.00005, in 0.0..=1.0;
         /// Lateral, m.
-        lateral_m: f32 = 0.0002, in 0.0..=1.0;
+        lateral_m: f32 = 0.00005, in 0.0..=1.0;
         /// Heading, degrees.
-        heading_deg: f32 = 0.004, in 0.0..=45.0;
+        heading_deg: f32 = 0.0005, in 0.0..=45.0;
         /// More forward and lateral noise per metre driven.
         per_metre: f32 = 0.0, in 0.0..=1.0;
         /// More heading noise per radian turned.
         per_radian: f32 = 0.0, in 0.0..=1.0;
         /// Along an axis that the scene leaves undetermined, m, instead of believing the matcher. Fitted: 0.013 on Intel, 0.022 on ACES. The
         /// thesis: 0, none.
-        undetermined_m: f32 = 0.02, in 0.0..=2.0;
+        undetermined_m: f32 = 0.0125, in 0.0..=2.0;
         /// The matcher's own standard deviations are added times this. The thesis: 0, none.
         covariance_gain: f32 = 0.0, in 0.0..=100.0;
         /// … but no more than this along any axis, m and rad alike.

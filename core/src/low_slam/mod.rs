@@ -301,11 +301,12 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         frame: WindowFrame,
         weigh: impl FnOnce(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
     ) {
+        let first_ray = self.steps as usize % usize::from(self.config.perception.beam_step.max(1));
         let weighing = Weighing {
             map: &self.map,
             ancestry: &self.ancestry,
             particles: self.particles.get(..self.particle_count).unwrap_or_default(),
-            rays: self.rays.get(..self.ray_count).unwrap_or_default(),
+            rays: self.rays.get(first_ray.min(self.ray_count)..self.ray_count).unwrap_or_default(),
             model: &self.model,
             refinement: &self.config.refinement,
             robot_from_lrf: self.robot_from_lrf,
