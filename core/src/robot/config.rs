@@ -93,7 +93,7 @@ impl Default for RobotConfig {
             steps: StepConfig::default(),
             motion: ScanMatchingMotionConfig::default(),
             particles: LowSlamConfig { particles: 32, ..LowSlamConfig::default() },
-            particle_map: ParticleMapConfig { square_size_m: 0.1 },
+            particle_map: ParticleMapConfig::default(),
             rays: RayConfig { range_max_m: 8.0, ..RayConfig::default() },
             perception: PerceptionConfig::default(),
             refinement: RefinementConfig::default(),
