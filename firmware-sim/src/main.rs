@@ -44,7 +44,7 @@ struct ServeArgs {
     /// Name under which the port appears (a symbolic link)
     #[arg(long)]
     link: PathBuf,
-    /// Where it is: room, floor, office, corridor, loop, a world file, or the YAML of a ROS map
+    /// Where it is: room, floor, office, demo, corridor, loop, a world file, or the YAML of a ROS map
     #[arg(long, default_value = "room", value_name = "NAME|FILE")]
     world: String,
     /// Baud rate that the sensor has at first, instead of its power-up rate
@@ -141,7 +141,8 @@ fn serve(arguments: &ServeArgs) -> Result<()> {
         arguments.model.to_possible_value().map_or(String::new(), |v| v.get_name().to_owned()),
         arguments.link.display()
     );
-    let report = pty::serve(device.as_mut(), &arguments.link, arguments.fault, arguments.seed, &stop)?;
+    let mut clock = pty::wall_clock();
+    let report = pty::serve(device.as_mut(), &arguments.link, arguments.fault, arguments.seed, &mut clock, &stop)?;
     eprintln!("{} writes, {} damaged or lost, {} bytes not taken", report.writes, report.faults, report.dropped);
     Ok(())
 }

@@ -45,7 +45,15 @@ pub struct LineReport {
     pub faults: u32,
 }
 
+/// The time since this call.
+pub fn wall_clock() -> impl FnMut() -> Instant {
+    let started = std::time::Instant::now();
+    move || Instant::from_micros(started.elapsed().as_micros() as i64)
+}
+
 /// Serves `device` under the symbolic link `link` until `stop` is set; the link is removed at the end.
+///
+/// * `clock` — the device's time, from zero on; [`wall_clock`] where nothing else is wanted
 ///
 /// # Errors
 /// If no pseudo-terminal or link can be made.
@@ -54,19 +62,18 @@ pub fn serve(
     link: &Path,
     plan: FaultPlan,
     seed: u64,
+    clock: &mut dyn FnMut() -> Instant,
     stop: &AtomicBool,
 ) -> Result<LineReport> {
-    let started = std::time::Instant::now();
-    let now = || Instant::from_micros(started.elapsed().as_micros() as i64);
     let mut terminal = Some(Terminal::open(link)?);
     let mut line = Line::new(plan, seed);
     while !stop.load(Ordering::Relaxed) {
-        match (&terminal, plan.is_unplugged(now())) {
+        match (&terminal, plan.is_unplugged(clock())) {
             (Some(_), true) => terminal = None,
             (None, false) => terminal = Some(Terminal::open(link)?),
             _ => {}
         }
-        let wait = line.step(device, terminal.as_ref(), now());
+        let wait = line.step(device, terminal.as_ref(), clock());
         sleep(terminal.as_ref(), wait);
     }
     line.report.faults = line.to_host.faults() + line.to_device.faults();

@@ -20,10 +20,11 @@ use crate::world::ros_map::{RosMapError, add_map};
 use crate::world::wall::{Corridor, Room, Wall};
 
 /// The worlds that come with the program: name, what it is, and its file.
-pub const LIBRARY: [(&str, &str, &str); 5] = [
+pub const LIBRARY: [(&str, &str, &str); 6] = [
     ("room", "a room of 6 m by 4 m, the robot turning slowly within", include_str!("../worlds/room.toml")),
     ("floor", "a small floor of rooms and a corridor: the example log", include_str!("../worlds/floor.toml")),
     ("office", "an office floor of 36 m by 24 m whose corridors close loops", include_str!("../worlds/office.toml")),
+    ("demo", "the office floor with a shorter drive and a laser that tilts", include_str!("../worlds/demo.toml")),
     ("corridor", "a corridor of 60 m", include_str!("../worlds/corridor.toml")),
     ("loop", "a loop of 60 m by 40 m, as in figure 3.11 of the thesis", include_str!("../worlds/loop.toml")),
 ];
@@ -286,7 +287,7 @@ mod tests {
     fn missing_files_say_what_there_is() {
         let error = Scenario::load("castle.toml").unwrap_err().to_string();
         assert!(
-            error.starts_with("castle.toml: cannot be read") && error.contains("office, corridor, loop"),
+            error.starts_with("castle.toml: cannot be read") && error.contains("office, demo, corridor, loop"),
             "{error}"
         );
     }

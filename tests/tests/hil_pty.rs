@@ -11,7 +11,7 @@ use std::time::Instant as WallInstant;
 
 use lrfslam_core::time::Instant;
 use lrfslam_firmware_sim::fault::FaultPlan;
-use lrfslam_firmware_sim::pty::{LineReport, serve};
+use lrfslam_firmware_sim::pty::{LineReport, serve, wall_clock};
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
@@ -89,7 +89,7 @@ fn run<D: VirtualLrf>(setup: Setup<D>, record: Option<&Path>) -> Outcome {
         said: Vec::new(),
     };
     std::thread::scope(|scope| {
-        let server = scope.spawn(|| serve(&mut device, &link, setup.plan, 5, &stop_server).unwrap());
+        let server = scope.spawn(|| serve(&mut device, &link, setup.plan, 5, &mut wall_clock(), &stop_server).unwrap());
         let address = link.display().to_string().parse().unwrap();
         let laser = LiveLaser { address, options: setup.options, record: record.map(Path::to_owned) };
         let started = WallInstant::now();
