@@ -7,6 +7,7 @@ mod calibrate;
 mod cloud;
 mod cloud_summary;
 mod config;
+pub mod demo;
 mod eval;
 mod experiment;
 mod experiment_sweep;
@@ -45,12 +46,13 @@ enum Command {
     Lrf(lrf::LrfArgs),
     Calibrate(calibrate::CalibrateArgs),
     Config(config::ConfigArgs),
+    Demo(demo::DemoArgs),
     Experiment(experiment::ExperimentArgs),
 }
 
 /// Why a command did not end well.
 #[derive(Debug)]
-enum Failure {
+pub enum Failure {
     /// Wrong from the start: nothing was done.
     Start(anyhow::Error),
     /// On the way.
@@ -58,17 +60,22 @@ enum Failure {
 }
 
 impl Failure {
-    fn start(error: impl Into<anyhow::Error>) -> Self {
+    /// A fault from the start.
+    pub fn start(error: impl Into<anyhow::Error>) -> Self {
         Self::Start(error.into())
     }
 
-    fn work(error: impl Into<anyhow::Error>) -> Self {
+    /// A fault on the way.
+    pub fn work(error: impl Into<anyhow::Error>) -> Self {
         Self::Work(error.into())
     }
 }
 
+/// What `lrfslam demo` does, and then has to tell; the program brings it along, because it sees the simulator too.
+pub type Show = dyn Fn(&demo::DemoArgs) -> Result<String, Failure>;
+
 /// Runs the program with `args` (the first is its name) and says how it ended.
-pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+pub fn run(args: impl IntoIterator<Item = OsString>, show: &Show) -> ExitCode {
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
         Err(error) => {
@@ -86,6 +93,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Lrf(args) => lrf::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Config(args) => config::run(args),
+        Command::Demo(args) => show(args).and_then(|text| print(&text)),
         Command::Experiment(args) => experiment::run(args),
     };
     let (error, code) = match done {

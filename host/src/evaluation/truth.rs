@@ -49,13 +49,7 @@ pub fn evaluate_truth(
     tolerance: Duration,
     stretch_m: f64,
 ) -> Result<TruthReport, EvaluationError> {
-    let by_time = PosesByTime::new(poses);
-    let partner =
-        |t: &TimedPose| by_time.nearest(t.stamp, tolerance).map(|(pose, _)| (PoseF64::from(t.map_from_robot), pose));
-    let pairs: Vec<(PoseF64, PoseF64)> = truth.iter().filter_map(partner).collect();
-    if pairs.is_empty() {
-        return Err(EvaluationError::nothing_matches(poses, truth.iter().map(|t| t.stamp), tolerance));
-    }
+    let pairs = partners(poses, truth, tolerance)?;
     let truth_from_estimate = align(&pairs);
     let errors = pairs.iter().map(|&(truth, estimate)| (truth, truth_from_estimate.then(estimate)));
     let distances: Vec<f64> = errors.clone().map(|(t, e)| (e.x - t.x).hypot(e.y - t.y)).collect();
@@ -68,6 +62,30 @@ pub fn evaluate_truth(
         absolute_deg: Statistics::of(&angles),
         relative: relative(&pairs, stretch_m),
     })
+}
+
+/// The rigid motion that brings `poses` nearest to the path `truth`, as [`evaluate_truth`] takes it out.
+///
+/// # Errors
+/// If no pose has a partner.
+pub fn alignment(poses: &[TimedPose], truth: &[TimedPose], tolerance: Duration) -> Result<PoseF64, EvaluationError> {
+    partners(poses, truth, tolerance).map(|pairs| align(&pairs))
+}
+
+/// True poses (first) with the estimated ones nearest in time (second).
+fn partners(
+    poses: &[TimedPose],
+    truth: &[TimedPose],
+    tolerance: Duration,
+) -> Result<Vec<(PoseF64, PoseF64)>, EvaluationError> {
+    let by_time = PosesByTime::new(poses);
+    let partner =
+        |t: &TimedPose| by_time.nearest(t.stamp, tolerance).map(|(pose, _)| (PoseF64::from(t.map_from_robot), pose));
+    let pairs: Vec<(PoseF64, PoseF64)> = truth.iter().filter_map(partner).collect();
+    if pairs.is_empty() {
+        return Err(EvaluationError::nothing_matches(poses, truth.iter().map(|t| t.stamp), tolerance));
+    }
+    Ok(pairs)
 }
 
 /// The rigid motion that carries the estimates (second) onto the truth (first).

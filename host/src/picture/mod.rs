@@ -22,6 +22,7 @@ use crate::trajectory::TimedPose;
 const FREE: Rgb = [255, 255, 255];
 const UNKNOWN: Rgb = [226, 230, 235];
 const OCCUPIED: Rgb = [28, 34, 43];
+const TRUTH: Rgb = [250, 205, 120];
 const START: Rgb = [22, 130, 60];
 const END: Rgb = [200, 28, 40];
 
@@ -48,12 +49,23 @@ pub fn write_picture(target: &Path, raster: &Raster, poses: &[TimedPose]) -> io:
 /// # Errors
 /// If encoding fails.
 pub fn png(raster: &Raster, poses: &[TimedPose]) -> io::Result<Vec<u8>> {
+    png_over_truth(raster, poses, &[])
+}
+
+/// The picture with the path `truth` as a broad pale line under the path `poses`.
+///
+/// # Errors
+/// If encoding fails.
+pub fn png_over_truth(raster: &Raster, poses: &[TimedPose], truth: &[TimedPose]) -> io::Result<Vec<u8>> {
     let zoom = SIDE_MIN.div_ceil(raster.width.max(raster.height)).clamp(1, 8);
     let mut canvas = draw_map(raster, zoom);
     let place = |pose: &TimedPose| {
         let (x, y) = raster.position(pose.map_from_robot.position());
         (x * zoom as f64 + MARGIN as f64, y * zoom as f64 + MARGIN as f64)
     };
+    for pair in truth.windows(2) {
+        canvas.line(place(&pair[0]), place(&pair[1]), 4.0, TRUTH);
+    }
     let path: Vec<(f64, f64)> = poses.iter().map(place).collect();
     draw_path(&mut canvas, &path);
     draw_scale_bar(&mut canvas, raster.pixel_size_m / zoom as f64);

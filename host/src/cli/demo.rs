@@ -1,0 +1,61 @@
+//! `lrfslam demo`: its arguments. What it does is the program's business, which sees the simulator too; the library does not.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+/// Show everything at once: a simulated robot drives, and its laser is mapped live.
+///
+/// A robot drives through a simulated building, with a laser on a pseudo-terminal; the real driver and the whole of SLAM follow it live.
+/// At stops the laser is tilted, for a 3D map. At the end map, path, cloud and a table of errors against the truth are in the
+/// folder. Takes less than two minutes.
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Folder for the results; made if it is not there.
+    #[arg(long, value_name = "DIR", default_value = "demo")]
+    pub out: PathBuf,
+    /// The laser.
+    #[arg(long, value_enum, default_value_t = DemoLrf::Lms200)]
+    pub lrf: DemoLrf,
+    /// Where: demo, office, floor, corridor, loop, a world file, or the YAML of a ROS map.
+    #[arg(long, value_name = "NAME|FILE", default_value = "demo")]
+    pub world: String,
+    /// End after so many seconds of the drive.
+    #[arg(long, value_name = "S")]
+    pub seconds: Option<f64>,
+    /// Configuration; `lrfslam config` prints one.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Change one value of the configuration; may be given more than once.
+    #[arg(long, value_name = "SECTION.KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Start of the random numbers, of the laser's errors and of the mapping.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// No lines on the way; only the result.
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// Lasers that are simulated down to their bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum DemoLrf {
+    /// SICK LMS200, 8 m, at 500 kbit/s
+    #[value(name = "lms200")]
+    Lms200,
+    /// SICK LMS200-30106 set to 80 m in cm, at 500 kbit/s
+    #[value(name = "lms200-3016")]
+    Lms200Far,
+    /// SICK LMS291, 80 m, at 500 kbit/s
+    #[value(name = "lms291")]
+    Lms291,
+    /// SICK LMS200 with the errors of a URG-04LX-UG01
+    #[value(name = "lms200-noisy")]
+    Lms200Noisy,
+    /// Hokuyo URG-04LX-UG01, 5.6 m, USB
+    #[value(name = "urg-04lx-ug01")]
+    Urg04lxUg01,
+    /// Hokuyo UTM-30LX, 30 m, USB
+    #[value(name = "utm-30lx")]
+    Utm30lx,
+}

@@ -1,0 +1,49 @@
+//! `lrfslam demo`: the simulator and the mapper in one process, met as bytes on a pseudo-terminal.
+//!
+//! Only here does the program see both sides: the library never imports the simulator. Data flow: [`robot`] (building, drive, laser on a
+//! pseudo-terminal) → the real driver → [`session`] (level scans to the mapper, tilted ones kept) → [`results`] (files, errors
+//! against the truth).
+
+mod results;
+mod robot;
+mod session;
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context as _, Result, anyhow};
+use lrfslam_firmware_sim::scenario::Scenario;
+use lrfslam_host::cli::Failure;
+use lrfslam_host::cli::demo::DemoArgs;
+use lrfslam_host::config::RunConfig;
+use lrfslam_host::live::{ScanSource, for_each_scan};
+use lrfslam_host::map_run::MapRun;
+use lrfslam_host::mapper::MapperMemory;
+
+use self::robot::SimulatedRobot;
+use self::session::Session;
+
+/// Runs the demonstration; returns what there is to tell.
+pub fn run(args: &DemoArgs) -> Result<String, Failure> {
+    let config = RunConfig::load(args.config.as_deref(), &args.set).map_err(Failure::start)?;
+    let scenario = Scenario::load(&args.world).map_err(Failure::start)?;
+    if args.seconds.is_none() && scenario.drive().end().is_none() {
+        let error = anyhow!("{}: its robot has no route: say by --seconds how long it is to drive", args.world);
+        return Err(Failure::Start(error));
+    }
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut memory = MapperMemory::new(&config, threads);
+    let map = MapRun::open(&args.out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
+    show(args, &config, scenario, map).map_err(Failure::Work)
+}
+
+fn show(args: &DemoArgs, config: &RunConfig, scenario: Scenario, map: MapRun<'_>) -> Result<String> {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).context("ctrl-C cannot be caught")?;
+    let robot = SimulatedRobot::start(scenario, args)?;
+    let source = ScanSource::Live(robot.laser(args));
+    let mut session = Session::new(map, &robot, args);
+    let done = for_each_scan(&source, &STOP, &mut |item| session.take(item));
+    robot.switch_off()?;
+    let drive = session.finish(&done?)?;
+    results::write(args, config, &robot, &drive)
+}

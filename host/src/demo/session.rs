@@ -1,0 +1,159 @@
+//! The live side: scans as the driver delivers them. Level ones go to the mapper, tilted ones are kept for the cloud.
+
+use std::ops::ControlFlow;
+
+use anyhow::Result;
+use lrfslam_core::scan::{Beam, RangeScan};
+use lrfslam_core::time::{Duration, Instant};
+use lrfslam_host::cli::demo::DemoArgs;
+use lrfslam_host::live::{Item, SourceReport};
+use lrfslam_host::map_run::MapRun;
+use lrfslam_host::pose_f64::PoseF64;
+use lrfslam_host::run_report::{LaserCounts, RunReport, Source};
+
+use super::robot::SimulatedRobot;
+
+/// Scans that are mapped before the robot departs.
+const SCANS_AT_START: usize = 10;
+/// From one line of progress to the next, on the drive's clock.
+const PROGRESS: Duration = Duration::from_millis(5000);
+
+/// A scan, kept.
+#[derive(Debug, Clone)]
+pub struct KeptScan {
+    stamp: Instant,
+    range_max_m: f32,
+    beams: Vec<Beam>,
+}
+
+impl KeptScan {
+    /// As the library takes it.
+    pub fn scan(&self) -> RangeScan<'_> {
+        self.stamped(self.stamp)
+    }
+
+    /// The same under another time.
+    pub fn stamped(&self, stamp: Instant) -> RangeScan<'_> {
+        RangeScan { stamp, range_max_m: self.range_max_m, beams: &self.beams }
+    }
+}
+
+/// All that came of a drive.
+pub struct DriveRecord {
+    /// Scans of the level laser, as they were mapped.
+    pub level: Vec<KeptScan>,
+    /// Scans of the tilted laser.
+    pub tilted: Vec<KeptScan>,
+    /// The mapper's report.
+    pub report: RunReport,
+}
+
+/// See the [module](self).
+pub struct Session<'a, 'm> {
+    args: &'a DemoArgs,
+    robot: &'a SimulatedRobot,
+    map: MapRun<'m>,
+    level: Vec<KeptScan>,
+    tilted: Vec<KeptScan>,
+    /// Where the building's frame is in the map's: the first scan is the map's origin.
+    world_from_map: PoseF64,
+    next_line: Instant,
+    fault: Option<anyhow::Error>,
+}
+
+impl<'a, 'm> Session<'a, 'm> {
+    /// Nothing has come yet.
+    pub fn new(map: MapRun<'m>, robot: &'a SimulatedRobot, args: &'a DemoArgs) -> Self {
+        let (level, tilted) = (Vec::new(), Vec::new());
+        let world_from_map = PoseF64::default();
+        Self { args, robot, map, level, tilted, world_from_map, next_line: Instant::default(), fault: None }
+    }
+
+    /// Takes what the laser's thread delivers.
+    pub fn take(&mut self, item: Item<'_>) -> ControlFlow<()> {
+        match item {
+            Item::Scan(scan) => self.take_scan(&scan),
+            Item::Identified(identity) => self.say(identity.model.trim()),
+            Item::Said(text) => self.say(text),
+        }
+        if self.fault.is_some() || self.has_ended() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn take_scan(&mut self, scan: &RangeScan<'_>) {
+        let kept = KeptScan { stamp: scan.stamp, range_max_m: scan.range_max_m, beams: scan.beams.to_vec() };
+        let end = scan.beams.iter().map(|beam| scan.stamp + beam.offset).max().unwrap_or(scan.stamp);
+        if !self.robot.is_level(scan.stamp, end) {
+            self.tilted.push(kept);
+            return self.tell_progress(scan.stamp, None);
+        }
+        match self.map.add_scan(scan, self.robot.robot_from_lrf(), None) {
+            Ok(step) => {
+                self.level.push(kept);
+                self.start(scan.stamp);
+                self.tell_progress(scan.stamp, Some(PoseF64::from(step.map_from_robot)));
+            }
+            Err(error) => self.fault = Some(error),
+        }
+    }
+
+    /// The robot departs once the laser has proved that it is there.
+    fn start(&mut self, stamp: Instant) {
+        match self.level.len() {
+            1 => self.world_from_map = self.robot.pose(stamp),
+            SCANS_AT_START => self.robot.depart(stamp),
+            _ => {}
+        }
+    }
+
+    fn has_ended(&self) -> bool {
+        let last = [self.level.last(), self.tilted.last()].into_iter().flatten().map(|scan| scan.stamp).max();
+        let driven = last.map_or(Instant::default(), |stamp| self.robot.drive_time(stamp));
+        self.robot.scenario.drive().end().is_some_and(|end| driven >= end)
+            || self.args.seconds.is_some_and(|seconds| driven.as_secs_f64() >= seconds)
+    }
+
+    fn tell_progress(&mut self, stamp: Instant, map_from_robot: Option<PoseF64>) {
+        let driven = self.robot.drive_time(stamp);
+        if driven < self.next_line {
+            return;
+        }
+        self.next_line = driven + PROGRESS;
+        let truth = self.robot.pose(stamp);
+        let now = match map_from_robot {
+            Some(pose) => {
+                let error = truth.between(self.world_from_map.then(pose));
+                format!("{:.1} cm and {:.2}° off", error.distance_m() * 100.0, error.heading.abs().to_degrees())
+            }
+            None => format!("tilted by {:.0}°", self.robot.scenario.drive().tilt().tilt_rad(driven).to_degrees()),
+        };
+        let (scans, tilted) = (self.level.len(), self.tilted.len());
+        self.say(&format!(
+            "{:5.0} s  at {:5.1} {:5.1} m  {scans} scans mapped, {tilted} tilted; {now}",
+            driven.as_secs_f64(),
+            truth.x,
+            truth.y
+        ));
+    }
+
+    fn say(&self, text: &str) {
+        if !self.args.quiet {
+            eprintln!("{text}");
+        }
+    }
+
+    /// Writes the mapper's results.
+    pub fn finish(self, report: &SourceReport) -> Result<DriveRecord> {
+        let laser = LaserCounts {
+            damaged: report.counters.damaged,
+            restarts: report.counters.restarts,
+            overrun: report.overrun,
+            too_fast: 0,
+        };
+        let source = Source::Laser { port: "simulated".to_owned(), laser };
+        let report = self.map.finish(source, false, self.fault.as_ref())?;
+        match self.fault {
+            Some(fault) => Err(fault),
+            None => Ok(DriveRecord { level: self.level, tilted: self.tilted, report }),
+        }
+    }
+}
