@@ -1,6 +1,7 @@
 //! `lrf-sim`: a laser range finder on a pseudo-terminal, for drivers that want a serial port; and drives as logs.
 
 mod log_command;
+mod surfaces_command;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -33,6 +34,7 @@ struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Command {
     Log(log_command::LogArgs),
+    Surfaces(surfaces_command::SurfacesArgs),
 }
 
 /// A laser on a pseudo-terminal.
@@ -122,6 +124,7 @@ fn main() -> ExitCode {
 fn run(arguments: Arguments) -> Result<()> {
     match (arguments.command, arguments.serve) {
         (Some(Command::Log(arguments)), _) => log_command::run(&arguments),
+        (Some(Command::Surfaces(arguments)), _) => surfaces_command::run(&arguments),
         (None, Some(arguments)) => serve(&arguments),
         // clap asks for the arguments of a laser where there is no command.
         (None, None) => Ok(()),

@@ -9,6 +9,8 @@ mod rectangle;
 pub mod ros_map;
 pub mod wall;
 
+use std::io::{self, Write};
+
 pub use rectangle::{Ray, Rectangle, Vector};
 
 /// Rectangles.
@@ -36,5 +38,17 @@ impl World {
     /// Distance from `point` to the nearest surface, m; infinite in an empty world.
     pub fn distance_m(&self, point: &Vector) -> f64 {
         self.rectangles.iter().map(|rectangle| rectangle.distance_m(point)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Writes every rectangle as a line: four corners in order round it, 12 numbers, m.
+    ///
+    /// # Errors
+    /// If `out` fails.
+    pub fn write_surfaces(&self, out: &mut impl Write) -> io::Result<()> {
+        for rectangle in &self.rectangles {
+            let corners = rectangle.corners().map(|corner| format!("{:.6} {:.6} {:.6}", corner.x, corner.y, corner.z));
+            writeln!(out, "{}", corners.join(" "))?;
+        }
+        Ok(())
     }
 }

@@ -21,7 +21,7 @@ use crate::log::{LogReader, LogScan};
 use crate::output::{PendingFile, write_file};
 use crate::picture::{CloudView, cloud_png};
 use crate::pose_f64::PoseF64;
-use crate::trajectory::read_trajectory;
+use crate::trajectory::{TimedPose, read_trajectory};
 
 /// Make a 3D map from the scans of a tilted laser.
 ///
@@ -36,7 +36,7 @@ pub(super) struct CloudArgs {
     #[arg(long, value_name = "DIR", default_value = "cloud")]
     out: PathBuf,
     #[command(flatten)]
-    log: LogArgs,
+    tilted: TiltArgs,
     /// With a folder: where its stops were.
     #[arg(long, value_enum, default_value_t = Poses::Matched)]
     poses: Poses,
@@ -58,7 +58,7 @@ pub(super) struct CloudArgs {
 
 /// What a log needs besides itself.
 #[derive(Debug, Args)]
-struct LogArgs {
+pub(super) struct TiltArgs {
     /// With a log: the robot's path, TUM or lines `t x y theta`.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
@@ -136,7 +136,11 @@ pub(super) struct CloudReport {
 }
 
 pub(super) fn run(args: &CloudArgs) -> Result<(), Failure> {
-    let (cloud, stops) = if args.input.is_dir() { from_stops(args)? } else { (from_log(args)?, Vec::new()) };
+    let (cloud, stops) = if args.input.is_dir() {
+        from_stops(args)?
+    } else {
+        (from_log(&args.input, &args.tilted, edges(args), None)?, Vec::new())
+    };
     let points = thin(&cloud.points, args.voxel as f32);
     let report = CloudReport {
         program: env!("CARGO_PKG_NAME"),
@@ -165,7 +169,7 @@ fn edges(args: &CloudArgs) -> Option<EdgeFilter> {
 /// The stops of a folder, matched and judged, and their clouds together.
 fn from_stops(args: &CloudArgs) -> Result<(Cloud, Vec<StopReport>), Failure> {
     if let Some(flag) =
-        args.log.trajectory.as_ref().map(|_| "--trajectory").or(args.log.tilt.as_ref().map(|_| "--tilt"))
+        args.tilted.trajectory.as_ref().map(|_| "--trajectory").or(args.tilted.tilt.as_ref().map(|_| "--tilt"))
     {
         return Err(Failure::start(anyhow::anyhow!("{flag} goes with a log; {} is a folder", args.input.display())));
     }
@@ -182,30 +186,53 @@ fn from_stops(args: &CloudArgs) -> Result<(Cloud, Vec<StopReport>), Failure> {
 }
 
 /// Every scan of a log, carried along the path.
-fn from_log(args: &CloudArgs) -> Result<Cloud, Failure> {
-    let (Some(trajectory), Some(tilt)) = (&args.log.trajectory, &args.log.tilt) else {
-        let input = args.input.display();
-        return Err(Failure::start(anyhow::anyhow!("{input}: a log needs --trajectory and --tilt")));
+///
+/// * `truth` — the path is moved so that its first pose lies where this one, at that time, has it
+pub(super) fn from_log(
+    input: &Path,
+    args: &TiltArgs,
+    edges: Option<EdgeFilter>,
+    truth: Option<&Path>,
+) -> Result<Cloud, Failure> {
+    let (Some(trajectory), Some(tilt)) = (&args.trajectory, &args.tilt) else {
+        return Err(Failure::start(anyhow::anyhow!("{}: a log needs --trajectory and --tilt", input.display())));
     };
-    let config = RunConfig::load(args.log.config.as_deref(), &args.log.set).map_err(Failure::start)?;
-    let log = LogReader::open(&args.input, config.log_options()).map_err(Failure::start)?;
+    let config = RunConfig::load(args.config.as_deref(), &args.set).map_err(Failure::start)?;
+    let log = LogReader::open(input, config.log_options()).map_err(Failure::start)?;
     let poses = read_trajectory(trajectory).map_err(Failure::start)?;
+    let world_from_map = truth.map_or(Ok(Isometry3::identity()), |truth| world_from_map(truth, &poses))?;
     let readings = read_tilt(tilt).map_err(Failure::start)?;
     let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
     // A path made by `lrfslam map` has the pose of the middle of each sweep under the scan's time.
     let middle = scans.first().map_or(Duration::ZERO, |scan| middle_of_sweep(&scan.scan()));
-    let path = poses.iter().map(|pose| (pose.stamp + middle, planar(PoseF64::from(pose.map_from_robot))));
-    let gap = Duration::from_micros((args.log.gap * 1e6) as i64);
+    let place = |pose: &TimedPose| world_from_map * planar(PoseF64::from(pose.map_from_robot));
+    let path = poses.iter().map(|pose| (pose.stamp + middle, place(pose)));
+    let gap = Duration::from_micros((args.gap * 1e6) as i64);
     let (path, tilt) = (Track::new(path, gap), Track::new(readings, gap));
     let mut cloud = Cloud::default();
     let mounting = |scan: &LogScan| {
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
-        mounting(&args.log, PoseF64::from(robot_from_lrf))
+        mounting(args, PoseF64::from(robot_from_lrf))
     };
     let Some(mounting) = scans.first().map(mounting) else { return Ok(cloud) };
-    let projection = Projection { mounting, path, tilt, edges: edges(args) };
+    let projection = Projection { mounting, path, tilt, edges };
     scans.iter().for_each(|scan| projection.add(&scan.scan(), &mut cloud));
     Ok(cloud)
+}
+
+/// Where the map's frame lies in that of the true path, by the first of `poses`.
+fn world_from_map(truth: &Path, poses: &[TimedPose]) -> Result<Isometry3<f64>, Failure> {
+    let apart = Duration::from_millis(1000);
+    let true_poses = read_trajectory(truth).map_err(Failure::start)?;
+    let true_path = true_poses.iter().map(|pose| (pose.stamp, planar(PoseF64::from(pose.map_from_robot))));
+    let (Some(first), true_path) = (poses.first(), Track::new(true_path, apart)) else {
+        return Ok(Isometry3::identity());
+    };
+    let world_from_robot = true_path.at(first.stamp).ok_or_else(|| {
+        let (file, time) = (truth.display(), first.stamp.as_secs_f64());
+        Failure::start(anyhow::anyhow!("{file}: no pose within 1 s of {time:.3} s, where the path begins"))
+    })?;
+    Ok(world_from_robot * planar(PoseF64::from(first.map_from_robot)).inverse())
 }
 
 fn middle_of_sweep(scan: &RangeScan<'_>) -> Duration {
@@ -215,7 +242,7 @@ fn middle_of_sweep(scan: &RangeScan<'_>) -> Duration {
     }
 }
 
-fn mounting(args: &LogArgs, robot_from_lrf: PoseF64) -> TiltMounting {
+fn mounting(args: &TiltArgs, robot_from_lrf: PoseF64) -> TiltMounting {
     let lift = Translation3::new(0.0, 0.0, args.height);
     TiltMounting {
         robot_from_axis: lift * planar(robot_from_lrf),

@@ -5,10 +5,12 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::cloud::{TiltArgs, from_log};
 use super::experiment_sweep::{self, SweepArgs};
 use super::{Failure, print};
+use crate::cloud::EdgeFilter;
 use crate::config::RunConfig;
-use crate::experiment::{Experiment, MatchPairsConfig, MatchPairsReport, match_pairs};
+use crate::experiment::{Experiment, MatchPairsConfig, MatchPairsReport, judge_cloud, match_pairs, read_surfaces};
 use crate::log::{LogReader, LogScan};
 use crate::trajectory::read_trajectory;
 
@@ -30,6 +32,7 @@ enum Command {
     LrfNoise(SweepArgs),
     /// The distribution of the errors: the scan-matching motion model (table 4.7).
     MotionModel(SweepArgs),
+    Map3d(Map3dArgs),
 }
 
 /// How often scans displaced anywhere in the search box are found again: by differential evolution and by Newton's method.
@@ -66,6 +69,27 @@ struct MatchPairsArgs {
     json: bool,
 }
 
+/// How far the points of a 3D map lie from the surfaces of the world that was simulated.
+#[derive(Debug, Args)]
+struct Map3dArgs {
+    /// The log of the tilted laser.
+    log: PathBuf,
+    #[command(flatten)]
+    tilted: TiltArgs,
+    /// The world's surfaces, as `lrf-sim surfaces` writes them.
+    #[arg(long, value_name = "FILE")]
+    surfaces: PathBuf,
+    /// The true path, where the trajectory is one of SLAM: its first pose is laid on this one.
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Keep the points in free air that a laser reports at edges.
+    #[arg(long)]
+    keep_edges: bool,
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    json: bool,
+}
+
 pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
     match &args.experiment {
         Command::MatchPairs(args) => run_match_pairs(args),
@@ -73,6 +97,7 @@ pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
         Command::DeGenerations(args) => experiment_sweep::run(Experiment::Generations, args),
         Command::LrfNoise(args) => experiment_sweep::run(Experiment::LrfNoise, args),
         Command::MotionModel(args) => experiment_sweep::run(Experiment::MotionModel, args),
+        Command::Map3d(args) => run_map3d(args),
     }
 }
 
@@ -94,6 +119,33 @@ fn run_match_pairs(args: &MatchPairsArgs) -> Result<(), Failure> {
         return print(&(text + "\n"));
     }
     print(&table(&report))
+}
+
+fn run_map3d(args: &Map3dArgs) -> Result<(), Failure> {
+    let surfaces = read_surfaces(&args.surfaces).map_err(Failure::start)?;
+    let edges = (!args.keep_edges).then(EdgeFilter::default);
+    let cloud = from_log(&args.log, &args.tilted, edges, args.truth.as_deref())?;
+    let points: Vec<_> = cloud.points.iter().map(|point| point.position.cast()).collect();
+    let error = judge_cloud(&points, &surfaces);
+    if args.json {
+        let text = serde_json::to_string_pretty(&error).map_err(Failure::work)?;
+        return print(&(text + "\n"));
+    }
+    let counts = &cloud.counts;
+    print(&format!(
+        "{} points of {} hits ({} mixed, {} unplaced), {} surfaces\n\
+         distance, mm: median {:.1}, mean {:.1}, 95 % {:.1}, max {:.1}; {:.2} % within 5 cm\n",
+        error.points,
+        counts.hits,
+        counts.mixed,
+        counts.unplaced,
+        error.surfaces,
+        1e3 * error.median_m,
+        1e3 * error.mean_m,
+        1e3 * error.most_m,
+        1e3 * error.max_m,
+        100.0 * error.near
+    ))
 }
 
 fn table(report: &MatchPairsReport) -> String {

@@ -4,6 +4,7 @@
 //! caller's business.
 
 mod findings;
+mod map3d;
 mod match_pairs;
 mod motion_model;
 mod pair;
@@ -11,6 +12,7 @@ mod plots;
 mod sweep;
 
 pub use findings::{Experiment, markdown};
+pub use map3d::{CloudError, Surface, judge_cloud, read_surfaces};
 pub use match_pairs::{MatchPairsConfig, MatchPairsError, MatchPairsReport, match_pairs};
 pub use motion_model::{AxisModel, MotionModel, fit_motion_model};
 pub use pair::Contender;
