@@ -20,7 +20,7 @@ const WORLD: &str = include_str!("../../examples/tilting.toml");
 /// The first stop of the drive as files: level log, truth, tilted log, encoder, surfaces.
 fn write_stop(folder: &Path, lrf: LrfModel) -> Scenario {
     let scenario = Scenario::parse(WORLD, "tilting.toml", Path::new("")).unwrap();
-    let pace = Pace::Rate { hz: 5.0, seconds: Some(14.0) };
+    let pace = Pace::Rate { hz: 5.0, seconds: Some(20.0) };
     let plan = LogPlan { lrf, pace, snapshot: false, seed: 3 };
     let mut files: [Vec<u8>; 4] = Default::default();
     let [log, truth, tilted, tilt] = &mut files;
