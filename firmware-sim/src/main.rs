@@ -33,7 +33,7 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Log(log_command::LogArgs),
+    Log(Box<log_command::LogArgs>),
     Surfaces(surfaces_command::SurfacesArgs),
 }
 
