@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use anyhow::Context as _;
 use clap::{Args, Subcommand};
 
 use super::cloud::{TiltArgs, from_log};
@@ -10,8 +11,11 @@ use super::experiment_sweep::{self, SweepArgs};
 use super::{Failure, print};
 use crate::cloud::EdgeFilter;
 use crate::config::RunConfig;
-use crate::experiment::{Experiment, MatchPairsConfig, MatchPairsReport, judge_cloud, match_pairs, read_surfaces};
+use crate::experiment::{
+    Experiment, MatchPairsConfig, MatchPairsReport, judge_cloud, match_pairs, plot_growth, read_growth, read_surfaces,
+};
 use crate::log::{LogReader, LogScan};
+use crate::output::write_file;
 use crate::trajectory::read_trajectory;
 
 /// Measure the methods on scans whose true path is known, simulated or real.
@@ -33,6 +37,17 @@ enum Command {
     /// The distribution of the errors: the scan-matching motion model (table 4.7).
     MotionModel(SweepArgs),
     Map3d(Map3dArgs),
+    Growth(GrowthArgs),
+}
+
+/// Does the cost of a scan grow with the map? Draws the steps of a run.
+#[derive(Debug, Args)]
+struct GrowthArgs {
+    /// The steps.csv that `lrfslam map` left.
+    steps: PathBuf,
+    /// The figure.
+    #[arg(long, value_name = "FILE.svg", default_value = "growth.svg")]
+    out: PathBuf,
 }
 
 /// How often scans displaced anywhere in the search box are found again: by differential evolution and by Newton's method.
@@ -98,7 +113,18 @@ pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
         Command::LrfNoise(args) => experiment_sweep::run(Experiment::LrfNoise, args),
         Command::MotionModel(args) => experiment_sweep::run(Experiment::MotionModel, args),
         Command::Map3d(args) => run_map3d(args),
+        Command::Growth(args) => run_growth(args),
     }
+}
+
+fn run_growth(args: &GrowthArgs) -> Result<(), Failure> {
+    let name = args.steps.display();
+    let text = std::fs::read_to_string(&args.steps).with_context(|| format!("{name}: cannot be read"));
+    let growth =
+        read_growth(&text.map_err(Failure::Start)?).with_context(|| name.to_string()).map_err(Failure::Start)?;
+    let svg = plot_growth(&growth).map_err(Failure::work)?;
+    let written = write_file(&args.out, svg.as_bytes());
+    written.with_context(|| format!("{}: cannot be written", args.out.display())).map_err(Failure::Work)
 }
 
 fn run_match_pairs(args: &MatchPairsArgs) -> Result<(), Failure> {

@@ -4,6 +4,7 @@
 //! caller's business.
 
 mod findings;
+mod growth;
 mod map3d;
 mod match_pairs;
 mod motion_model;
@@ -12,9 +13,10 @@ mod plots;
 mod sweep;
 
 pub use findings::{Experiment, markdown};
+pub use growth::{Growth, GrowthError, plot_growth, read_growth};
 pub use map3d::{CloudError, Surface, judge_cloud, read_surfaces};
 pub use match_pairs::{MatchPairsConfig, MatchPairsError, MatchPairsReport, match_pairs};
 pub use motion_model::{AxisModel, MotionModel, fit_motion_model};
 pub use pair::Contender;
-pub use plots::{plot_distributions, plot_errors};
+pub use plots::{PlotError, plot_distributions, plot_errors};
 pub use sweep::{CaseSummary, Method, PairError, SweepCase, SweepConfig, SweepError, SweepReport, sweep, write_csv};
