@@ -5,8 +5,9 @@
 //! The filter takes a step once the robot has moved far enough; between its steps the pose follows the laser odometry. A scan that the
 //! odometry does not believe is not shown to the filter.
 //!
-//! After every step the odometry goes on from the best particle, so that the map it matches against grows along that particle's path. Were
-//! it left alone, the particles' noise would add up over the run: nothing would ever bring them back to where their map fits.
+//! After every step the odometry goes on from the particles' mean, so that the map it matches against grows along their path. Were
+//! it left alone, the particles' noise would add up over the run: nothing would ever bring them back to where their map fits. The mean
+//! and not the best one: where the laser cannot tell particles apart the best is chosen by chance.
 
 use rand_core::Rng;
 
@@ -68,8 +69,10 @@ pub struct Slam<'m, const SIDE: usize> {
     motion: ScanMatchingMotionConfig,
     odometry: LaserOdometry<'m>,
     filter: LowSlam<'m, SIDE>,
-    /// Pose of the best particle at the filter's last step.
+    /// Mean pose of the particles at the filter's last step, from where the odometry went on.
     map_from_step: Option<Pose2>,
+    /// Pose of the best one.
+    map_from_best: Pose2,
     /// Axis in the odometry's map that some scan since then left undetermined.
     undetermined: Option<Point2>,
 }
@@ -82,7 +85,15 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
         odometry: LaserOdometry<'m>,
         filter: LowSlam<'m, SIDE>,
     ) -> Self {
-        Self { config: *config, motion: *motion, odometry, filter, map_from_step: None, undetermined: None }
+        Self {
+            config: *config,
+            motion: *motion,
+            odometry,
+            filter,
+            map_from_step: None,
+            map_from_best: Pose2::IDENTITY,
+            undetermined: None,
+        }
     }
 
     /// The particles and their maps.
@@ -118,14 +129,16 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
         self.undetermined = matched.undetermined.or(self.undetermined);
         let is_due = self.map_from_step.is_none() || self.config.is_due(previous.between(map_from_robot));
         if odometry.is_lost || !is_due {
+            let map_from_robot = self.map_from_best * previous.between(map_from_robot);
             return Ok(StepReport { map_from_robot, odometry, filter: None });
         }
         let motion = MatchedMotion::from_map(previous, map_from_robot, &matched.covariance, self.undetermined);
         let motion = ScanMatchingMotion::new(&self.motion, &motion);
         let sweep = Sweep { scan: *scan, robot_from_lrf, motion: odometry.motion };
         let filter = self.filter.step_with(&sweep, &motion, weigh)?;
-        self.odometry.correct(filter.map_from_robot);
-        self.map_from_step = Some(filter.map_from_robot);
+        self.odometry.correct(filter.mean_map_from_robot);
+        self.map_from_step = Some(filter.mean_map_from_robot);
+        self.map_from_best = filter.map_from_robot;
         self.undetermined = None;
         Ok(StepReport { map_from_robot: filter.map_from_robot, odometry, filter: Some(filter) })
     }

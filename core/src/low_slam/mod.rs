@@ -111,6 +111,8 @@ pub struct StepReport {
     pub map_from_robot: Pose2,
     /// Its index among [`LowSlam::particles`].
     pub best: usize,
+    /// Weighted mean of the particles' poses.
+    pub mean_map_from_robot: Pose2,
     /// Particles alive.
     pub particles: usize,
     /// Poses tried.

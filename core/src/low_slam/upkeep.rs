@@ -2,6 +2,7 @@
 
 use crate::ancestry::{Ancestry, NodeId};
 use crate::distributed_map::{DistributedMap, Print, Window, WindowFrame};
+use crate::geometry::Pose2;
 use crate::particles::{Particle, Weights};
 
 use super::{LowSlam, StepReport};
@@ -76,6 +77,19 @@ impl<const SIDE: usize> Population<'_, '_, SIDE> {
             return true;
         }
     }
+}
+
+/// Weighted mean of the particles' poses, seen from one of them, so that headings do not wrap.
+fn mean_from(centre: Pose2, particles: &[Particle]) -> Pose2 {
+    let (mut sum, mut weights) = (Pose2::IDENTITY, 0.0);
+    for particle in particles.iter().filter(|particle| particle.map_from_robot.is_finite()) {
+        let Pose2 { x, y, heading } = centre.between(particle.map_from_robot);
+        let weight = particle.weight;
+        sum = Pose2 { x: sum.x + weight * x, y: sum.y + weight * y, heading: sum.heading + weight * heading };
+        weights += weight;
+    }
+    let scale = if weights > 0.0 { 1.0 / weights } else { 0.0 };
+    Pose2::new(scale * sum.x, scale * sum.y, scale * sum.heading)
 }
 
 impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
@@ -184,6 +198,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         if let Some((index, particle)) = best {
             report.best = index;
             report.map_from_robot = particle.map_from_robot;
+            report.mean_map_from_robot = particle.map_from_robot * mean_from(particle.map_from_robot, particles);
         }
         report.particles = particles.len();
         report.samples = self.sample_count;
