@@ -23,6 +23,7 @@ use lrfslam_core::slam::StepConfig;
 use lrfslam_core::time::Duration;
 use serde::{Deserialize, Serialize};
 
+use crate::high_slam::{ClosureConfig, HighConfig, HighConfigs, SegmentConfig};
 use crate::log::LogOptions;
 use crate::mapper::MemoryConfig;
 use crate::occupancy_map::MapConfig;
@@ -66,8 +67,8 @@ lrfslam_core::config! {
 lrfslam_core::config! {
     /// Levels of SLAM.
     pub struct HierarchyConfig {
-        /// 0: scan matching alone. 1: particles over whole maps, DP-SLAM's low level.
-        levels: u16 = 1, in 0..=1;
+        /// 0: scan matching alone. 1: particles over whole maps, DP-SLAM's low level. 2: loops closed between segments of its path.
+        levels: u16 = 1, in 0..=2;
     }
 }
 
@@ -126,6 +127,12 @@ run_config! {
     perception: PerceptionConfig,
     /// Improved proposal of the particles.
     refinement: RefinementConfig,
+    /// High level.
+    high: HighConfig,
+    /// Segments of the path.
+    segment: SegmentConfig,
+    /// Closing of loops.
+    closure: ClosureConfig,
     /// Memory.
     memory: MemoryConfig,
     /// When the robot is too fast.
@@ -262,6 +269,11 @@ impl RunConfig {
         }
     }
 
+    /// The part that the high level works with.
+    pub fn high_slam(&self) -> HighConfigs {
+        HighConfigs { high: self.high, segment: self.segment, closure: self.closure, ndt: self.ndt }
+    }
+
     /// The configured mounting of the laser, for logs that do not tell it.
     pub fn robot_from_lrf(&self) -> Pose2 {
         let mounting = &self.mounting;
@@ -355,8 +367,9 @@ mod tests {
         let error = |o: &str| load("", &[o]).unwrap_err();
         assert!(error("map.cell=1").contains("--set map.cell=1: unknown field `cell`"));
         assert!(
-            error("mapp.cell_size_m=1")
-                .contains("there is no section `mapp`, expected one of de, filter, hierarchy, log, map, matcher")
+            error("mapp.cell_size_m=1").contains(
+                "there is no section `mapp`, expected one of closure, de, filter, hierarchy, log, map, matcher"
+            )
         );
         assert!(error("cell_size_m").contains("expected section.key=value"));
         assert!(error("map.cell_size_m=wide").contains("invalid type"));

@@ -13,6 +13,7 @@ pub mod driver;
 pub mod evaluation;
 pub mod experiment;
 pub mod genealogy;
+pub mod high_slam;
 pub mod link;
 pub mod live;
 pub mod log;

@@ -8,12 +8,15 @@ use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
+use lrfslam_core::laser_odometry;
+use lrfslam_core::matcher::Match;
 use lrfslam_core::scan::{Echo, RangeScan};
 use lrfslam_core::slam::StepReport;
 use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::Instant;
 
 use crate::config::RunConfig;
+use crate::high_slam::{HighSlam, LowPose};
 use crate::map_io::{PGM_SIDE_MAX, write_map};
 use crate::mapper::{Mapper, MapperMemory};
 use crate::occupancy_map::OccupancyMap;
@@ -39,6 +42,7 @@ pub struct MapRun<'m> {
     seed: u64,
     out: PathBuf,
     mapper: Mapper<'m>,
+    high: Option<HighSlam>,
     /// Drawn on the way by matching alone, whose path does not change.
     map: OccupancyMap,
     /// Drawn at the end, from where the best particle was.
@@ -47,6 +51,7 @@ pub struct MapRun<'m> {
     places: Vec<ScanPlace>,
     steps: StepTable,
     map_from_step: Pose2,
+    step_count: usize,
     beams: BeamCounts,
     working: WallDuration,
 }
@@ -65,12 +70,14 @@ impl<'m> MapRun<'m> {
             seed,
             out: out.to_owned(),
             mapper: Mapper::new(config, seed, memory)?,
+            high: (config.hierarchy.levels > 1).then(|| HighSlam::new(&config.high_slam())),
             map: OccupancyMap::new(config.map),
             scans: ScanStore::default(),
             trajectory_file,
             places: Vec::new(),
             steps: StepTable::default(),
             map_from_step: Pose2::IDENTITY,
+            step_count: 0,
             beams: BeamCounts::default(),
             working: WallDuration::ZERO,
         })
@@ -91,22 +98,32 @@ impl<'m> MapRun<'m> {
     ) -> anyhow::Result<StepReport> {
         let started = WallInstant::now();
         let (step, times) = self.mapper.add_scan(scan, robot_from_lrf, odometry)?;
+        let sweep = Sweep { scan: *scan, robot_from_lrf, motion: step.odometry.motion };
+        if let Some(high) = &mut self.high {
+            high.add_scan(&sweep, &low_pose(&step.odometry));
+        }
         if let Some(filter) = &step.filter {
-            self.scans.add(&Sweep { scan: *scan, robot_from_lrf, motion: step.odometry.motion });
             self.steps.add(scan.stamp, self.places.len(), filter, &times);
             self.map_from_step = step.map_from_robot;
+            self.step_count += 1;
+            if self.high.is_none() {
+                self.scans.add(&sweep);
+            }
         } else if !self.mapper.has_particles() && !step.odometry.is_lost {
             self.map.insert(scan, step.map_from_robot * robot_from_lrf);
         }
         let step_from_robot = self.map_from_step.between(step.map_from_robot);
-        self.places.push(ScanPlace { stamp: scan.stamp, step: self.scans.len().saturating_sub(1), step_from_robot });
+        self.places.push(ScanPlace { stamp: scan.stamp, step: self.step_count.saturating_sub(1), step_from_robot });
         self.beams.add(scan);
         self.working += started.elapsed();
         Ok(step)
     }
 
-    /// Where the robot was at every scan, as the best particle now remembers it.
+    /// Where the robot was at every scan, as the highest level now has it.
     pub fn trajectory(&self) -> Vec<TimedPose> {
+        if let Some(high) = &self.high {
+            return high.trajectory().collect();
+        }
         let path = self.mapper.path();
         let pose = |place: &ScanPlace| {
             let map_from_step = path.get(place.step).copied().unwrap_or(Pose2::IDENTITY);
@@ -163,8 +180,11 @@ impl<'m> MapRun<'m> {
         Ok(report)
     }
 
-    /// Draws the kept scans from the best particle's path.
+    /// Draws the kept scans from the path of the highest level.
     fn draw(&mut self) {
+        if let Some(high) = &self.high {
+            return high.draw(&mut self.map);
+        }
         let mut beams = Vec::new();
         for (index, map_from_robot) in self.mapper.path().into_iter().enumerate() {
             if let Some(sweep) = self.scans.sweep(index, &mut beams) {
@@ -183,6 +203,7 @@ impl<'m> MapRun<'m> {
             beams: self.beams,
             matching: self.mapper.counts(),
             particles: self.steps.summary(),
+            high: self.high.as_ref().map(HighSlam::counts),
             cost: self.cost(),
             partial: fault.is_some(),
             fault: fault.map(|error| format!("{error:#}")),
@@ -212,6 +233,12 @@ impl BeamCounts {
             }
         }
     }
+}
+
+/// What the high level goes by: laser odometry, which the particles have corrected, without their jumps from one to the other.
+fn low_pose(step: &laser_odometry::StepReport) -> LowPose {
+    let Match { map_from_robot, undetermined, .. } = step.matched;
+    LowPose { map_from_robot, undetermined, is_lost: step.is_lost }
 }
 
 fn cannot_write(file: &Path) -> String {

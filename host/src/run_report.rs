@@ -8,6 +8,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use crate::config::RunConfig;
+use crate::high_slam::HighCounts;
 use crate::log::{LogCounts, LogFormat};
 use crate::mapper::MatchCounts;
 use crate::step_table::ParticleSummary;
@@ -32,6 +33,8 @@ pub struct RunReport {
     pub matching: MatchCounts,
     /// How the particles did; none with matching alone.
     pub particles: Option<ParticleSummary>,
+    /// What the high level did, if there is one.
+    pub high: Option<HighCounts>,
     /// Time spent and memory used.
     pub cost: Cost,
     /// The log was not read to its end: results stop at the fault.

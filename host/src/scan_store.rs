@@ -64,12 +64,28 @@ impl ScanStore {
         self.beams.len() * size_of::<KeptBeam>()
     }
 
+    /// Where the laser of scan `index` sits on the robot.
+    pub fn robot_from_lrf(&self, index: usize) -> Pose2 {
+        self.scans.get(index).map_or(Pose2::IDENTITY, |kept| kept.robot_from_lrf)
+    }
+
+    /// Hits of scan `index` up to `range_max_m`, robot frame.
+    pub fn hits(&self, index: usize, range_max_m: f32) -> impl Iterator<Item = Point2> + '_ {
+        let robot_from_lrf = self.robot_from_lrf(index);
+        let near = self.beams_of(index).iter().filter(move |beam| (0.0..=range_max_m).contains(&beam.range_m));
+        near.map(move |beam| robot_from_lrf.transform(Point2::from_polar(beam.range_m, beam.bearing_rad)))
+    }
+
+    fn beams_of(&self, index: usize) -> &[KeptBeam] {
+        let start = index.checked_sub(1).and_then(|before| self.scans.get(before)).map_or(0, |before| before.end);
+        self.scans.get(index).map_or(&[], |kept| &self.beams[start..kept.end])
+    }
+
     /// Scan `index`, its beams written over `beams`; `None` past the last one.
     pub fn sweep<'b>(&self, index: usize, beams: &'b mut Vec<Beam>) -> Option<Sweep<'b>> {
         let kept = self.scans.get(index)?;
-        let start = index.checked_sub(1).and_then(|before| self.scans.get(before)).map_or(0, |before| before.end);
         beams.clear();
-        beams.extend(self.beams[start..kept.end].iter().map(|beam| Beam {
+        beams.extend(self.beams_of(index).iter().map(|beam| Beam {
             bearing_rad: beam.bearing_rad,
             offset: Duration::ZERO,
             echo: if beam.range_m < 0.0 { Echo::Miss } else { Echo::Hit(beam.range_m) },

@@ -14,9 +14,12 @@ pub(super) struct ParticleArgs {
     /// Particles of DP-SLAM; the same as --set particles.particles=N.
     #[arg(long, value_name = "N")]
     particles: Option<u16>,
-    /// Scan matching alone, without particles; the same as --set hierarchy.levels=0.
-    #[arg(long, conflicts_with = "particles")]
+    /// Scan matching alone, without particles; the same as --levels 0.
+    #[arg(long, conflicts_with_all = ["particles", "levels"])]
     matcher_only: bool,
+    /// Levels of SLAM: 1, particles over whole maps; 2, loops closed as well; the same as --set hierarchy.levels=N.
+    #[arg(long, value_name = "N")]
+    levels: Option<u16>,
     /// Threads that share the work [default: one for each core]. Results do not depend on it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
@@ -27,6 +30,7 @@ impl ParticleArgs {
     pub(super) fn load(&self, file: Option<&Path>, set: &[String]) -> Result<RunConfig, Failure> {
         let mut overrides = set.to_vec();
         overrides.extend(self.particles.map(|count| format!("particles.particles={count}")));
+        overrides.extend(self.levels.map(|levels| format!("hierarchy.levels={levels}")));
         overrides.extend(self.matcher_only.then(|| "hierarchy.levels=0".to_owned()));
         RunConfig::load(file, &overrides).map_err(Failure::start)
     }

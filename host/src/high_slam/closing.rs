@@ -1,0 +1,195 @@
+//! Finding closures: places that the robot has come back to, verified strictly.
+//!
+//! The submap of the latest segments is searched in the submaps of older ones, within what the graph leaves uncertain. A wrong
+//! closure wrecks a map, a missing one is mostly found a segment later; so every doubt is a refusal:
+//!
+//! 1. its pose is the best of the whole window ([`CorrelationGrid`]), and there is no second one nearly as good elsewhere;
+//! 2. enough points lie on the other's walls, and few in its free space, both ways ([`Submap::agreement`]);
+//! 3. the walls that meet determine every axis ([`NdtGrid::constraint`]);
+//! 4. if the window was wide, a second segment must say the same ([`Closer::confirmed`]);
+//! 5. the graph can be solved with it ([`super::pose_graph`]).
+
+use lrfslam_core::de::{DeConfig, Member};
+use lrfslam_core::geometry::{Point2, Pose2};
+use lrfslam_core::matcher::{MatcherConfig, Prediction, ScanMatcher, SearchConfig};
+use lrfslam_core::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtTile};
+use nalgebra::{Matrix3, Vector3};
+
+use super::correlation::{CorrelationGrid, Excluded, SearchWindow};
+use super::pose_graph::Edge;
+use super::submap::Submap;
+use crate::pose_f64::PoseF64;
+
+lrfslam_core::config! {
+    /// Closing of loops.
+    pub struct ClosureConfig {
+        /// Look for places that the robot has come back to.
+        enabled: bool = true;
+        /// Hits farther away are not used for it, m.
+        range_max_m: f32 = 20.0, in 1.0..=200.0;
+        /// Travel of the latest path that is searched for, m: more is told apart better.
+        query_travel_m: f32 = 8.0, in 0.5..=100.0;
+        /// Travel, before and after an older pose, of the path that is searched in, m.
+        place_travel_m: f32 = 10.0, in 0.5..=100.0;
+        /// Older path counts as older from so much travel on, m.
+        gap_travel_m: f32 = 20.0, in 1.0..=1000.0;
+        /// Older places searched after each segment.
+        candidates: u16 = 3, in 1..=100;
+        /// The window reaches so many standard deviations of the drift to each side …
+        window_sigmas: f32 = 3.0, in 0.5..=10.0;
+        /// … but no farther than this, m. Cost grows with its square.
+        window_max_m: f32 = 15.0, in 0.5..=100.0;
+        /// … and this, degrees.
+        window_max_deg: f32 = 25.0, in 1.0..=180.0;
+        /// Share of points that must lie on the other's walls.
+        on_walls_min: f32 = 0.6, in 0.0..=1.0;
+        /// Share of points in known places that may stand in free space.
+        contradicting_max: f32 = 0.1, in 0.0..=1.0;
+        /// A second pose with this share of the best one's score is a doubt.
+        second_share_max: f32 = 0.85, in 0.0..=1.0;
+        /// Least worth of the walls that meet for any axis, 0 to 0.5; see `matcher.constraint_min`.
+        constraint_min: f32 = 0.06, in 0.0..=0.5;
+        /// A closure that moves the robot by more than this, m, needs a second one that agrees.
+        alone_m: f32 = 1.0, in 0.0..=100.0;
+        /// … within this, m.
+        agreement_m: f32 = 0.4, in 0.01..=10.0;
+        /// … and this, degrees.
+        agreement_deg: f32 = 3.0, in 0.1..=90.0;
+        /// Standard deviation of a closure's position, m.
+        sigma_m: f32 = 0.05, in 0.001..=10.0;
+        /// … and of its heading, degrees.
+        sigma_deg: f32 = 0.3, in 0.01..=90.0;
+    }
+}
+
+/// A place that the robot may have come back to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Closure {
+    /// Node of the older place.
+    pub older: usize,
+    /// Node of the newer one.
+    pub newer: usize,
+    /// The newer seen from the older.
+    pub older_from_newer: PoseF64,
+    /// By how much that moves the newer node, m.
+    pub moves_m: f32,
+}
+
+impl Closure {
+    /// As an edge of the graph.
+    pub fn edge(&self, config: &ClosureConfig) -> Edge {
+        let inverse_square = |sigma: f32| f64::from(sigma).powi(-2);
+        let position = inverse_square(config.sigma_m);
+        let heading = inverse_square(config.sigma_deg.to_radians());
+        let information = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
+        Edge { from: self.older, to: self.newer, from_to: self.older_from_newer, information, is_closure: true }
+    }
+}
+
+/// Tiles along the side of the directory of a place's NDT.
+const DIRECTORY_SIDE: usize = 64;
+
+/// Searches submaps in submaps; holds the memory for it.
+#[derive(Debug)]
+pub struct Closer {
+    config: ClosureConfig,
+    ndt: NdtConfig,
+    directory: Vec<DirectoryEntry>,
+    tiles: Vec<NdtTile>,
+    /// Closures that wait for a second one.
+    waiting: Vec<Closure>,
+}
+
+impl Closer {
+    /// One that has found nothing yet.
+    pub fn new(config: &ClosureConfig, ndt: &NdtConfig) -> Self {
+        Self {
+            config: *config,
+            ndt: NdtConfig { overlapping: true, points_min: 3, ..*ndt },
+            directory: vec![DirectoryEntry::default(); 4 * DIRECTORY_SIDE * DIRECTORY_SIDE],
+            tiles: vec![NdtTile::EMPTY; 2048],
+            waiting: Vec::new(),
+        }
+    }
+
+    /// Finds `query` in `place`; its pose there, if nothing speaks against it.
+    pub fn find(&mut self, query: &Submap, place: &Submap, window: &SearchWindow) -> Option<Pose2> {
+        let coarse = self.search(query, place, window)?;
+        let pose = self.refine(query, place, coarse)?;
+        let near = coarse.between(pose);
+        let is_near = near.position().norm() < 0.3 && near.heading.abs() < 0.05;
+        (is_near && self.agree(query, place, pose)).then_some(pose)
+    }
+
+    /// The best pose of the window, if there is no other one nearly as good.
+    fn search(&self, query: &Submap, place: &Submap, window: &SearchWindow) -> Option<Pose2> {
+        let grid = CorrelationGrid::new(place.points())?;
+        let points: Vec<Point2> = thinned(query.points());
+        let best = grid.search(&points, window, 0.5 * self.config.on_walls_min, None)?;
+        let excluded = Excluded { pose: best.pose, distance_m: 1.0, heading_rad: 0.2 };
+        let second = grid.search(&points, window, self.config.second_share_max * best.share, Some(excluded));
+        second.is_none().then_some(best.pose)
+    }
+
+    /// The optimum of the NDT near `coarse`, if it is determined about every axis.
+    fn refine(&mut self, query: &Submap, place: &Submap, coarse: Pose2) -> Option<Pose2> {
+        let mut ndt = NdtGrid::new(&self.ndt, &mut self.directory, &mut self.tiles).ok()?;
+        ndt.insert(place.points(), Pose2::IDENTITY);
+        let matcher = MatcherConfig { prior_position_m: 0.0, prior_heading_deg: 0.0, ..MatcherConfig::default() };
+        let mut none: [Member<3>; 0] = [];
+        let matcher = ScanMatcher::new(&SearchConfig::default(), &DeConfig::default(), &matcher, &mut none);
+        let prediction = Prediction { map_from_robot: coarse, score_expected: 0.0 };
+        let pose = matcher.align_locally(&ndt, query.points(), &prediction);
+        let [xx, xy, yy] = ndt.constraint(query.points(), pose);
+        let constraint = 0.5 * (xx + yy) - (0.5 * (xx - yy)).hypot(xy);
+        (constraint >= self.config.constraint_min).then_some(pose)
+    }
+
+    fn agree(&self, query: &Submap, place: &Submap, pose: Pose2) -> bool {
+        let there = place.agreement(query.points(), pose);
+        let back = query.agreement(place.points(), pose.inverse());
+        there.on_walls >= self.config.on_walls_min
+            && there.contradicting <= self.config.contradicting_max
+            && back.contradicting <= self.config.contradicting_max
+    }
+
+    /// The closures that may be believed now that `closure` has been found: itself if it moves little, itself and another one that says
+    /// the same, or none; then it waits.
+    ///
+    /// * `nodes` — the graph's nodes
+    pub fn confirmed(&mut self, closure: Closure, nodes: &[PoseF64]) -> Vec<Closure> {
+        if closure.moves_m <= self.config.alone_m {
+            return vec![closure];
+        }
+        let agrees = |other: &Closure| {
+            other.newer != closure.newer && {
+                let error = discrepancy(other, &closure, nodes);
+                error.distance_m() <= f64::from(self.config.agreement_m)
+                    && error.heading.abs() <= f64::from(self.config.agreement_deg.to_radians())
+            }
+        };
+        let Some(index) = self.waiting.iter().rposition(agrees) else {
+            self.waiting.push(closure);
+            return Vec::new();
+        };
+        vec![self.waiting.remove(index), closure]
+    }
+
+    /// What waited for longer than a few segments before `node` waits no more.
+    pub fn forget_before(&mut self, node: usize) {
+        self.waiting.retain(|closure| closure.newer >= node);
+    }
+}
+
+/// How far two closures disagree: round from the one older node over both newer ones to the other.
+fn discrepancy(a: &Closure, b: &Closure, nodes: &[PoseF64]) -> PoseF64 {
+    let between = |from: usize, to: usize| nodes[from].between(nodes[to]);
+    let by_a = a.older_from_newer.then(between(a.newer, b.newer));
+    let by_b = between(a.older, b.older).then(b.older_from_newer);
+    by_a.between(by_b)
+}
+
+/// Every n-th point, so that about 300 are left: enough to find a pose.
+fn thinned(points: &[Point2]) -> Vec<Point2> {
+    points.iter().copied().step_by((points.len() / 300).max(1)).collect()
+}

@@ -1,0 +1,159 @@
+//! A graph of poses: nodes are where segments start, edges what was measured between two of them, and the solution is where
+//! the nodes are most likely.
+//!
+//! Minimised is Σ eᵀ Ω e over the edges, e the error of an edge's displacement, by Gauss–Newton steps on sparse normal
+//! equations (Cholesky factorisation of `nalgebra-sparse`). Closures have a robust kernel (Geman–McClure) that is
+//! made strict step by step, so that a right closure is believed although it is far off at first, and a wrong one is not
+//! although it comes first (graduated non-convexity: Yang, Antonante, Tzoumas & Carlone, RA-L 2020). Node 0 stays.
+//!
+//! Why not a factor-graph crate: `factrs` 0.3 brings 112 crates, `nalgebra-sparse` 25, most of which are here anyway; three unknowns
+//! a node and one kind of edge need little else.
+
+use nalgebra::{DMatrix, Matrix3, Vector3};
+use nalgebra_sparse::factorization::CscCholesky;
+use nalgebra_sparse::{CooMatrix, CscMatrix};
+
+use crate::pose_f64::{PoseF64, wrap};
+
+/// Gauss–Newton steps at most.
+const STEPS_MAX: usize = 40;
+/// A step that moves no node farther (m, rad) is the last one.
+const STEP_MIN: f64 = 1e-5;
+/// χ² (three degrees of freedom) at which a closure is half believed.
+const CHI2_DOUBTED: f64 = 12.0;
+
+/// What was measured between two nodes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Edge {
+    /// Index of the first node.
+    pub from: usize,
+    /// Index of the second node.
+    pub to: usize,
+    /// The second seen from the first.
+    pub from_to: PoseF64,
+    /// Inverse of the covariance of (x, y, heading) of that.
+    pub information: Matrix3<f64>,
+    /// A closure may be wrong; a stretch of path may not.
+    pub is_closure: bool,
+}
+
+/// The graph; see the [module](self).
+#[derive(Debug, Clone, Default)]
+pub struct PoseGraph {
+    nodes: Vec<PoseF64>,
+    edges: Vec<Edge>,
+}
+
+/// An edge's error and how it changes with its nodes.
+struct Linear {
+    error: Vector3<f64>,
+    by_from: Matrix3<f64>,
+    by_to: Matrix3<f64>,
+}
+
+impl Edge {
+    fn linearise(&self, from: PoseF64, to: PoseF64) -> Linear {
+        let (sin, cos) = from.heading.sin_cos();
+        let (dx, dy) = (to.x - from.x, to.y - from.y);
+        let (x, y) = (cos * dx + sin * dy, cos * dy - sin * dx);
+        let z = self.from_to;
+        Linear {
+            error: Vector3::new(x - z.x, y - z.y, wrap(to.heading - from.heading - z.heading)),
+            by_from: Matrix3::new(-cos, -sin, y, sin, -cos, -x, 0.0, 0.0, -1.0),
+            by_to: Matrix3::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0),
+        }
+    }
+
+    fn chi2(&self, nodes: &[PoseF64]) -> f64 {
+        let error = self.linearise(nodes[self.from], nodes[self.to]).error;
+        (error.transpose() * self.information * error)[0]
+    }
+}
+
+impl PoseGraph {
+    /// Adds a node where it is thought to be, and returns its index.
+    pub fn add_node(&mut self, pose: PoseF64) -> usize {
+        self.nodes.push(pose);
+        self.nodes.len() - 1
+    }
+
+    /// Adds an edge between two nodes of the graph.
+    pub fn add_edge(&mut self, edge: Edge) {
+        assert!(edge.from.max(edge.to) < self.nodes.len() && edge.from != edge.to, "an edge joins two nodes");
+        self.edges.push(edge);
+    }
+
+    /// Where the nodes are.
+    pub fn nodes(&self) -> &[PoseF64] {
+        &self.nodes
+    }
+
+    /// All edges, in the order in which they were added.
+    pub fn edges(&self) -> &[Edge] {
+        &self.edges
+    }
+
+    /// Puts the nodes where they are most likely; returns the closures that do not agree with the rest (indices of
+    /// edges, ascending). They are believed the less the worse they fit.
+    pub fn solve(&mut self) -> Vec<usize> {
+        let mut scale = self.closures().map(|(_, edge)| edge.chi2(&self.nodes)).fold(CHI2_DOUBTED, f64::max);
+        for _ in 0..STEPS_MAX {
+            let Some(step) = self.step(scale) else { break };
+            let largest = step.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+            for (node, change) in self.nodes.iter_mut().zip(step.as_slice().chunks_exact(3)) {
+                *node = PoseF64::new(node.x + change[0], node.y + change[1], wrap(node.heading + change[2]));
+            }
+            if scale <= CHI2_DOUBTED && largest < STEP_MIN {
+                break;
+            }
+            scale = (scale / 2.0).max(CHI2_DOUBTED);
+        }
+        let doubted = self.closures().filter(|(_, edge)| edge.chi2(&self.nodes) > CHI2_DOUBTED);
+        doubted.map(|(index, _)| index).collect()
+    }
+
+    /// Takes out edges, given by ascending indices.
+    pub fn remove_edges(&mut self, indices: &[usize]) {
+        indices.iter().rev().for_each(|&index| {
+            self.edges.remove(index);
+        });
+    }
+
+    fn closures(&self) -> impl Iterator<Item = (usize, &Edge)> {
+        self.edges.iter().enumerate().filter(|(_, edge)| edge.is_closure)
+    }
+
+    /// Solution of the normal equations, three numbers a node; `None` if they are singular.
+    fn step(&self, scale: f64) -> Option<DMatrix<f64>> {
+        let size = 3 * self.nodes.len();
+        let mut matrix = CooMatrix::new(size, size);
+        let mut right = DMatrix::zeros(size, 1);
+        push_block(&mut matrix, 0, 0, &Matrix3::from_diagonal_element(1e12));
+        for edge in &self.edges {
+            let weight = if edge.is_closure { (scale / (scale + edge.chi2(&self.nodes))).powi(2) } else { 1.0 };
+            let information = edge.information * weight;
+            let Linear { error, by_from, by_to } = edge.linearise(self.nodes[edge.from], self.nodes[edge.to]);
+            let ends = [(edge.from, by_from), (edge.to, by_to)];
+            for (row, by_row) in &ends {
+                let weighted = by_row.transpose() * information;
+                let mut part = right.fixed_view_mut::<3, 1>(3 * row, 0);
+                part -= weighted * error;
+                ends.iter()
+                    .for_each(|(column, by_column)| push_block(&mut matrix, *row, *column, &(weighted * by_column)));
+            }
+        }
+        let factor = CscCholesky::factor(&CscMatrix::from(&matrix)).ok()?;
+        Some(factor.solve(&right)).filter(|step| step.iter().all(|value| value.is_finite()))
+    }
+}
+
+fn push_block(matrix: &mut CooMatrix<f64>, row: usize, column: usize, block: &Matrix3<f64>) {
+    for i in 0..3 {
+        for j in 0..3 {
+            matrix.push(3 * row + i, 3 * column + j, block[(i, j)]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,87 @@
+use super::*;
+use lrfslam_core::math::normal;
+use lrfslam_core::random::RandomStream;
+
+fn information(position_m: f64, heading_rad: f64) -> Matrix3<f64> {
+    let (p, h) = (position_m.powi(-2), heading_rad.powi(-2));
+    Matrix3::from_diagonal(&Vector3::new(p, p, h))
+}
+
+/// A square of 4 × 10 nodes, 1 m apart, and the same path with an error of heading at every step.
+fn drifted_square(seed: u64) -> (Vec<PoseF64>, PoseGraph) {
+    let mut rng = RandomStream::new(seed, 0, 0);
+    let (mut truth, mut graph) = (vec![PoseF64::default()], PoseGraph::default());
+    graph.add_node(PoseF64::default());
+    for index in 0..40 {
+        let turn = if index % 10 == 9 { std::f64::consts::FRAC_PI_2 } else { 0.0 };
+        let step = PoseF64::new(1.0, 0.0, turn);
+        let drifted = PoseF64::new(1.0, 0.0, turn + 0.02 + 0.01 * f64::from(normal(&mut rng)));
+        truth.push(truth[index].then(step));
+        let node = graph.add_node(graph.nodes()[index].then(drifted));
+        let information = information(0.02, 0.02);
+        graph.add_edge(Edge { from: index, to: node, from_to: drifted, information, is_closure: false });
+    }
+    (truth, graph)
+}
+
+fn closure(from: usize, to: usize, from_to: PoseF64) -> Edge {
+    Edge { from, to, from_to, information: information(0.03, 0.01), is_closure: true }
+}
+
+fn worst(graph: &PoseGraph, truth: &[PoseF64]) -> f64 {
+    graph.nodes().iter().zip(truth).map(|(a, b)| (a.x - b.x).hypot(a.y - b.y)).fold(0.0, f64::max)
+}
+
+#[test]
+fn derivatives_are_those_of_differences() {
+    let edge = closure(0, 1, PoseF64::new(0.3, -0.2, 0.5));
+    let ends = [PoseF64::new(1.0, 2.0, 0.7), PoseF64::new(1.5, 1.0, -0.4)];
+    let linear = edge.linearise(ends[0], ends[1]);
+    for (end, derivative) in [linear.by_from, linear.by_to].iter().enumerate() {
+        for axis in 0..3 {
+            let mut moved = ends;
+            let step = 1e-6;
+            match axis {
+                0 => moved[end].x += step,
+                1 => moved[end].y += step,
+                _ => moved[end].heading += step,
+            }
+            let difference = (edge.linearise(moved[0], moved[1]).error - linear.error) / step;
+            assert!((difference - derivative.column(axis)).norm() < 1e-5, "end {end} axis {axis}");
+        }
+    }
+}
+
+#[test]
+fn a_path_alone_stays_where_it_is() {
+    let (_, mut graph) = drifted_square(1);
+    let before = graph.nodes().to_vec();
+    assert!(graph.solve().is_empty());
+    assert!(worst(&graph, &before) < 1e-9);
+}
+
+#[test]
+fn one_closure_repairs_a_loop() {
+    for seed in 1..=10 {
+        let (truth, mut graph) = drifted_square(seed);
+        let before = worst(&graph, &truth);
+        graph.add_edge(closure(0, 40, truth[0].between(truth[40])));
+        assert!(graph.solve().is_empty());
+        assert!(before > 2.0 && worst(&graph, &truth) < 0.25 * before, "{before} {}", worst(&graph, &truth));
+    }
+}
+
+#[test]
+fn a_wrong_closure_is_found_out_by_two_right_ones() {
+    for seed in 1..=10 {
+        let (truth, mut graph) = drifted_square(seed);
+        graph.add_edge(closure(5, 25, PoseF64::new(1.0, 1.0, 0.0)));
+        graph.add_edge(closure(0, 40, truth[0].between(truth[40])));
+        graph.add_edge(closure(1, 39, truth[1].between(truth[39])));
+        assert_eq!(graph.solve(), [40], "seed {seed}");
+        assert!(worst(&graph, &truth) < 0.8, "{}", worst(&graph, &truth));
+        graph.remove_edges(&[40]);
+        assert_eq!(graph.edges().len(), 42);
+        assert_eq!(graph.edges()[40].to, 40);
+    }
+}

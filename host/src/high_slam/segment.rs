@@ -1,0 +1,202 @@
+//! Segments: short stretches of the low level's path, the atoms of the high level (thesis §3.2.3.4).
+//!
+//! Steps of the low level → [`Segment`], cut when it has gone far enough. A segment is believed to be right within itself but for
+//! a Gaussian drift of its end, whose covariance is summed up from step to step. The last pose of a segment is
+//! the first one of the next.
+
+use lrfslam_core::geometry::{Point2, Pose2};
+use lrfslam_core::time::Instant;
+use nalgebra::{Matrix2, Matrix3, Vector2};
+
+use crate::pose_f64::PoseF64;
+
+lrfslam_core::config! {
+    /// How the path is cut into segments, and how far the low level is expected to drift on them (thesis 4.5.2).
+    pub struct SegmentConfig {
+        /// Travel after which a segment ends, m. The original: 40 scans at least 5 cm apart.
+        travel_m: f32 = 4.0, in 0.5..=100.0;
+        /// … or this much rotation, both ways added up, degrees.
+        rotation_deg: f32 = 360.0, in 10.0..=100000.0;
+        /// Standard deviation of the drift in position, m per square root of a metre driven.
+        drift_m: f32 = 0.02, in 0.0001..=1.0;
+        /// Standard deviation of the drift in heading, degrees per square root of a metre driven.
+        drift_deg: f32 = 0.15, in 0.001..=10.0;
+        /// The same per square root of a radian turned, degrees.
+        drift_turning_deg: f32 = 0.15, in 0.001..=10.0;
+        /// Along an axis that the scene left undetermined, as a share of the way driven so.
+        drift_undetermined: f32 = 0.3, in 0.0..=2.0;
+        /// Of a scan that was lost, m.
+        drift_lost_m: f32 = 0.3, in 0.0..=10.0;
+        /// Of a scan that was lost, degrees.
+        drift_lost_deg: f32 = 3.0, in 0.0..=90.0;
+    }
+}
+
+/// What the low level did from one scan to the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LowStep {
+    /// Of the scan.
+    pub stamp: Instant,
+    /// Pose of the robot now, seen from where it was.
+    pub previous_from_robot: Pose2,
+    /// Unit vector in the frame of the pose before about which the scene says nothing.
+    pub undetermined: Option<Point2>,
+    /// The scan agrees too little with the map for the pose to be believed.
+    pub is_lost: bool,
+    /// Place of the scan among the stored ones, if it is stored.
+    pub scan: Option<u32>,
+}
+
+/// A pose of a segment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SegmentPose {
+    /// Of the scan.
+    pub stamp: Instant,
+    /// Pose of the robot, seen from the segment's start.
+    pub start_from_robot: Pose2,
+    /// Way from the segment's start, m.
+    pub travel_m: f32,
+    /// Place of the scan among the stored ones, if it is stored.
+    pub scan: Option<u32>,
+}
+
+/// A stretch of the low level's path; see the [module](self).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Segment {
+    /// Poses after the start, in order; the first segment begins with the start itself.
+    pub poses: Vec<SegmentPose>,
+    /// The end seen from the start.
+    pub start_from_end: PoseF64,
+    /// Covariance of (x, y, heading) of that; m², m rad, rad².
+    pub covariance: Matrix3<f64>,
+    /// Length of the way, m.
+    pub travel_m: f32,
+    /// Rotation, both ways added up, rad.
+    rotation_rad: f32,
+}
+
+impl Segment {
+    /// Nothing yet.
+    pub fn empty() -> Self {
+        Self {
+            poses: Vec::new(),
+            start_from_end: PoseF64::default(),
+            covariance: Matrix3::zeros(),
+            travel_m: 0.0,
+            rotation_rad: 0.0,
+        }
+    }
+
+    /// Goes on by one step of the low level.
+    pub fn push(&mut self, config: &SegmentConfig, step: &LowStep) {
+        let displacement = PoseF64::from(step.previous_from_robot);
+        self.covariance = self.drifted(config, step);
+        self.start_from_end = self.start_from_end.then(displacement);
+        self.travel_m += step.previous_from_robot.position().norm();
+        self.rotation_rad += step.previous_from_robot.heading.abs();
+        self.poses.push(SegmentPose {
+            stamp: step.stamp,
+            start_from_robot: self.start_from_end.to_f32(),
+            travel_m: self.travel_m,
+            scan: step.scan,
+        });
+    }
+
+    /// True if it has gone as far as a segment should.
+    pub fn is_complete(&self, config: &SegmentConfig) -> bool {
+        self.travel_m >= config.travel_m || self.rotation_rad >= config.rotation_deg.to_radians()
+    }
+
+    /// The covariance after one more step: Σ' = F Σ Fᵀ + Q, all in the start's axes.
+    fn drifted(&self, config: &SegmentConfig, step: &LowStep) -> Matrix3<f64> {
+        let end = self.start_from_end.then(PoseF64::from(step.previous_from_robot));
+        let (dx, dy) = (end.x - self.start_from_end.x, end.y - self.start_from_end.y);
+        let carried = Matrix3::new(1.0, 0.0, -dy, 0.0, 1.0, dx, 0.0, 0.0, 1.0);
+        carried * self.covariance * carried.transpose() + self.step_noise(config, step)
+    }
+
+    fn step_noise(&self, config: &SegmentConfig, step: &LowStep) -> Matrix3<f64> {
+        let square = |value: f32| f64::from(value) * f64::from(value);
+        let travel = f64::from(step.previous_from_robot.position().norm());
+        let turn = f64::from(step.previous_from_robot.heading.abs());
+        let lost = f64::from(u8::from(step.is_lost));
+        let position = square(config.drift_m) * travel + lost * square(config.drift_lost_m);
+        let heading = square(config.drift_deg.to_radians()) * travel
+            + square(config.drift_turning_deg.to_radians()) * turn
+            + lost * square(config.drift_lost_deg.to_radians());
+        let mut plane = Matrix2::from_diagonal_element(position);
+        if let Some(axis) = step.undetermined {
+            let (sin, cos) = self.start_from_end.heading.sin_cos();
+            let (x, y) = (f64::from(axis.x), f64::from(axis.y));
+            let along = Vector2::new(cos * x - sin * y, sin * x + cos * y);
+            // What is guessed wrong for one step is guessed wrong for the next one too: deviations add up, not variances.
+            let sigma = f64::from(config.drift_undetermined) * travel;
+            let so_far = (along.transpose() * self.covariance.fixed_view::<2, 2>(0, 0) * along)[0].max(0.0).sqrt();
+            plane += along * along.transpose() * (sigma * sigma + 2.0 * sigma * so_far);
+        }
+        let mut noise = Matrix3::zeros();
+        noise.fixed_view_mut::<2, 2>(0, 0).copy_from(&plane);
+        noise[(2, 2)] = heading;
+        noise
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn step(forward: f32, turn: f32) -> LowStep {
+        let previous_from_robot = Pose2::new(forward, 0.0, turn);
+        LowStep { stamp: Instant::default(), previous_from_robot, undetermined: None, is_lost: false, scan: None }
+    }
+
+    #[test]
+    fn a_segment_ends_after_its_travel_and_knows_its_end() {
+        let config = SegmentConfig::default();
+        let mut segment = Segment::empty();
+        let mut steps = 0;
+        while !segment.is_complete(&config) {
+            segment.push(&config, &step(0.5, 0.1));
+            steps += 1;
+        }
+        assert_eq!((steps, segment.poses.len()), (8, 8));
+        let end = (0..8).fold(Pose2::IDENTITY, |pose, _| pose * Pose2::new(0.5, 0.0, 0.1));
+        let error = segment.poses[7].start_from_robot.between(end);
+        assert!(error.position().norm() < 1e-5 && error.heading.abs() < 1e-5);
+    }
+
+    /// Heading drifts add up to a sideways one as they do when they are drawn.
+    #[test]
+    fn covariance_is_that_of_drawn_drifts() {
+        let config =
+            SegmentConfig { drift_m: 0.01, drift_deg: 1.0, drift_turning_deg: 0.001, ..SegmentConfig::default() };
+        let mut segment = Segment::empty();
+        (0..100).for_each(|_| segment.push(&config, &step(0.1, 0.0)));
+        let mut sideways = 0.0;
+        for run in 0..2000 {
+            let mut rng = lrfslam_core::random::RandomStream::new(1, run, 0);
+            let mut pose = Pose2::IDENTITY;
+            for _ in 0..100 {
+                let mut noise = |sigma: f32| sigma * 0.1_f32.sqrt() * lrfslam_core::math::normal(&mut rng);
+                let (x, y) = (noise(0.01), noise(0.01));
+                pose = pose * Pose2::new(0.1 + x, y, noise(1.0_f32.to_radians()));
+            }
+            sideways += f64::from(pose.y * pose.y) / 2000.0;
+        }
+        let expected = segment.covariance[(1, 1)];
+        assert!((sideways / expected - 1.0).abs() < 0.12, "{sideways} {expected}");
+    }
+
+    #[test]
+    fn undetermined_axis_widens_along_itself_only() {
+        let config = SegmentConfig::default();
+        let (mut plain, mut corridor) = (Segment::empty(), Segment::empty());
+        for _ in 0..40 {
+            plain.push(&config, &step(0.1, 0.0));
+            corridor.push(&config, &LowStep { undetermined: Some(Point2::new(1.0, 0.0)), ..step(0.1, 0.0) });
+        }
+        let along = corridor.covariance[(0, 0)].sqrt();
+        assert!((1.15..1.3).contains(&along), "{along}");
+        assert!((corridor.covariance[(1, 1)] - plain.covariance[(1, 1)]).abs() < 1e-12);
+    }
+}
