@@ -68,7 +68,7 @@ lrfslam_core::config! {
     /// Levels of SLAM.
     pub struct HierarchyConfig {
         /// 0: scan matching alone. 1: particles over whole maps, DP-SLAM's low level. 2: loops closed between segments of its path.
-        levels: u16 = 1, in 0..=2;
+        levels: u16 = 2, in 0..=2;
     }
 }
 
@@ -368,7 +368,7 @@ mod tests {
         assert!(error("map.cell=1").contains("--set map.cell=1: unknown field `cell`"));
         assert!(
             error("mapp.cell_size_m=1").contains(
-                "there is no section `mapp`, expected one of closure, de, filter, hierarchy, log, map, matcher"
+                "there is no section `mapp`, expected one of closure, de, filter, hierarchy, high, log, map"
             )
         );
         assert!(error("cell_size_m").contains("expected section.key=value"));

@@ -1,6 +1,6 @@
 //! The high level: whole segments of the low level's path, put where they agree with one another (thesis §3.2.3.3–3.2.3.4).
 //!
-//! Scan and pose of the low level → [`segment`] → node and edge of a [`pose_graph`] → [`closing`]: has the robot been here before? →
+//! Scan and pose of the low level → segment → node and edge of a pose graph → closing: has the robot been here before? →
 //! the graph is solved, and all segments move.
 //!
 //! # Frames
