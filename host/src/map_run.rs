@@ -16,7 +16,7 @@ use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::Instant;
 
 use crate::config::RunConfig;
-use crate::high_slam::{HighSlam, LowPose};
+use crate::high_slam::{HighCounts, HighSlam, LowPose};
 use crate::map_io::{PGM_SIDE_MAX, write_map};
 use crate::mapper::{Mapper, MapperMemory};
 use crate::occupancy_map::OccupancyMap;
@@ -132,6 +132,11 @@ impl<'m> MapRun<'m> {
         self.places.iter().map(pose).collect()
     }
 
+    /// What the high level did so far, if there is one.
+    pub fn high_counts(&self) -> Option<HighCounts> {
+        self.high.as_ref().map(HighSlam::counts)
+    }
+
     /// Scans mapped so far.
     pub fn scans(&self) -> usize {
         self.places.len()
@@ -203,7 +208,7 @@ impl<'m> MapRun<'m> {
             beams: self.beams,
             matching: self.mapper.counts(),
             particles: self.steps.summary(),
-            high: self.high.as_ref().map(HighSlam::counts),
+            high: self.high_counts(),
             cost: self.cost(),
             partial: fault.is_some(),
             fault: fault.map(|error| format!("{error:#}")),

@@ -86,3 +86,17 @@ fn same_input_same_bytes_and_wrong_input_is_named() {
             .contains("no pair of scans overlaps enough: expected a share of points of at least 110 %")
     );
 }
+
+#[test]
+fn the_loop_of_the_example_floor_closes_with_each_number_of_levels() {
+    let folder = tempfile::tempdir().unwrap();
+    let (log, truth) = (example("floor.log.gz"), example("floor.tum.gz"));
+    let arguments = ["experiment", "loop", &log, "--truth", &truth, "--seeds", "1", "--levels", "0,2"];
+    let (code, stdout, stderr) = run(folder.path(), &arguments);
+    assert_eq!((code, stderr.as_str()), (0, ""));
+    assert!(stdout.contains("| 0 | 1 of 1 |") && stdout.contains("| 2 | 1 of 1 |"), "{stdout}");
+    let csv = fs::read_to_string(folder.path().join("loop/loop.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 3);
+    let strict = [&arguments[..6], &["--levels", "0", "--closed", "0.0001"]].concat();
+    assert!(run(folder.path(), &strict).1.contains("| 0 | 0 of 1 |"));
+}

@@ -12,7 +12,8 @@ use super::{Failure, print};
 use crate::cloud::EdgeFilter;
 use crate::config::RunConfig;
 use crate::experiment::{
-    Experiment, MatchPairsConfig, MatchPairsReport, judge_cloud, match_pairs, plot_growth, read_growth, read_surfaces,
+    Experiment, LoopRun, MatchPairsConfig, MatchPairsReport, judge_cloud, loop_csv, loop_markdown, match_pairs,
+    plot_growth, read_growth, read_surfaces, run_loop,
 };
 use crate::log::{LogReader, LogScan};
 use crate::output::write_file;
@@ -38,6 +39,37 @@ enum Command {
     MotionModel(SweepArgs),
     Map3d(Map3dArgs),
     Growth(GrowthArgs),
+    Loop(LoopArgs),
+}
+
+/// Does the loop close (figure 3.11)? Maps a log with its true path by each number of levels, seed after seed.
+///
+/// Writes loop.csv, a line for each run, and loop.md.
+#[derive(Debug, Args)]
+struct LoopArgs {
+    /// The log; `lrf-sim log --world loop --scans 183` makes one.
+    log: PathBuf,
+    /// The true path: TUM.
+    #[arg(long, value_name = "FILE")]
+    truth: PathBuf,
+    /// Seeds 1 to N.
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..1000))]
+    seeds: u64,
+    /// Levels to compare.
+    #[arg(long, value_name = "N,…", value_delimiter = ',', default_values_t = [1, 2], value_parser = clap::value_parser!(u16).range(0..=2))]
+    levels: Vec<u16>,
+    /// The loop counts as closed if no pose is farther off than this after rigid alignment, m.
+    #[arg(long, value_name = "METRES", default_value_t = 1.0)]
+    closed: f64,
+    /// Folder for the results.
+    #[arg(long, value_name = "DIR", default_value = "loop")]
+    out: PathBuf,
+    /// Configuration; `lrfslam config` prints one.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Change one value of the configuration; may be given more than once.
+    #[arg(long, value_name = "SECTION.KEY=VALUE")]
+    set: Vec<String>,
 }
 
 /// Does the cost of a scan grow with the map? Draws the steps of a run.
@@ -114,7 +146,25 @@ pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
         Command::MotionModel(args) => experiment_sweep::run(Experiment::MotionModel, args),
         Command::Map3d(args) => run_map3d(args),
         Command::Growth(args) => run_growth(args),
+        Command::Loop(args) => run_loops(args),
     }
+}
+
+fn run_loops(args: &LoopArgs) -> Result<(), Failure> {
+    let config = RunConfig::load(args.config.as_deref(), &args.set).map_err(Failure::start)?;
+    let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
+    let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
+    let each = args.levels.iter().flat_map(|levels| (1..=args.seeds).map(move |seed| (*levels, seed)));
+    let runs = each.map(|which| run_loop(&config, which, &scans, &truth, &args.out, args.closed));
+    let runs: Vec<LoopRun> = runs.collect::<Result<_, _>>().map_err(Failure::Work)?;
+    let table = loop_markdown(&runs);
+    for (name, text) in [("loop.csv", loop_csv(&runs)), ("loop.md", table.clone())] {
+        let file = args.out.join(name);
+        let written = write_file(&file, text.as_bytes());
+        written.with_context(|| format!("{}: cannot be written", file.display())).map_err(Failure::Work)?;
+    }
+    print(&table)
 }
 
 fn run_growth(args: &GrowthArgs) -> Result<(), Failure> {

@@ -5,6 +5,7 @@
 
 mod findings;
 mod growth;
+mod loops;
 mod map3d;
 mod match_pairs;
 mod motion_model;
@@ -14,6 +15,7 @@ mod sweep;
 
 pub use findings::{Experiment, markdown};
 pub use growth::{Growth, GrowthError, plot_growth, read_growth};
+pub use loops::{LoopRun, loop_csv, loop_markdown, run_loop};
 pub use map3d::{CloudError, Surface, judge_cloud, read_surfaces};
 pub use match_pairs::{MatchPairsConfig, MatchPairsError, MatchPairsReport, match_pairs};
 pub use motion_model::{AxisModel, MotionModel, fit_motion_model};
