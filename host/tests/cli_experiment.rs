@@ -97,6 +97,6 @@ fn the_loop_of_the_example_floor_closes_with_each_number_of_levels() {
     assert!(stdout.contains("| 0 | 1 of 1 |") && stdout.contains("| 2 | 1 of 1 |"), "{stdout}");
     let csv = fs::read_to_string(folder.path().join("loop/loop.csv")).unwrap();
     assert_eq!(csv.lines().count(), 3);
-    let strict = [&arguments[..6], &["--levels", "0", "--closed", "0.0001"]].concat();
+    let strict = [&arguments[..7], &["--levels", "0", "--closed", "0.0001"]].concat();
     assert!(run(folder.path(), &strict).1.contains("| 0 | 0 of 1 |"));
 }
