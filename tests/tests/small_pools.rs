@@ -1,0 +1,99 @@
+//! A filter of a microcontroller's size maps real logs: 32 particles at 8 m, all its pools within 512 KiB ([`SmallPools`] asserts that).
+//!
+//! The matcher has a computer's memory here; for all of a microcontroller see `hil_mcu`.
+
+use std::path::{Path, PathBuf};
+
+use lrfslam_core::de::Member;
+use lrfslam_core::geometry::{Point2, Pose2};
+use lrfslam_core::laser_odometry::{LaserOdometry, LaserOdometryConfig, OdometryMemory};
+use lrfslam_core::low_slam::{LowSlam, LowSlamConfig, LowSlamConfigs, SmallPools};
+use lrfslam_core::motion::ScanMatchingMotionConfig;
+use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
+use lrfslam_core::rays::RayConfig;
+use lrfslam_core::slam::{Slam, StepConfig};
+use lrfslam_host::config::RunConfig;
+use lrfslam_host::log::{LogOptions, LogReader, LogScan};
+use lrfslam_host::mapper::{Mapper, MapperMemory};
+use rand_core::SeedableRng as _;
+use rand_pcg::Pcg32;
+
+/// The scans of a real log, or nothing with a word about it.
+fn real_scans(name: &str) -> Option<Vec<LogScan>> {
+    let folder = std::env::var("LRFSLAM_DATA").map_or_else(|_| PathBuf::from("../../shared/data"), PathBuf::from);
+    let file: PathBuf = Path::new(&folder).join("logs").join(name);
+    if !file.exists() {
+        eprintln!("skipped: {} is not there", file.display());
+        return None;
+    }
+    let log = LogReader::open(&file, LogOptions::default()).expect("the log can be read");
+    Some(log.map(|scan| scan.expect("every scan can be read")).collect())
+}
+
+/// Poses of the best particle, scan by scan, and how many particles and squares found no room.
+fn by_small_pools(scans: &[LogScan]) -> (Vec<Pose2>, usize, u64) {
+    let (mut directory, mut tiles) = (vec![DirectoryEntry::default(); 4 * 128 * 128], vec![NdtTile::EMPTY; 4096]);
+    let (mut population, mut points) = (vec![Member::EMPTY; 300], vec![Point2::default(); 1024]);
+    let mut hits = points.clone();
+    let lent = OdometryMemory {
+        directory: &mut directory,
+        tiles: &mut tiles,
+        population: &mut population,
+        points: &mut points,
+        hits: &mut hits,
+        key_points: &mut [],
+        key_scans: &mut [],
+    };
+    let odometry = LaserOdometry::new(&LaserOdometryConfig::default(), lent).expect("memory fits");
+    let configs = LowSlamConfigs {
+        filter: LowSlamConfig { particles: 32, ..LowSlamConfig::default() },
+        rays: RayConfig { range_max_m: 8.0, ..RayConfig::default() },
+        ..LowSlamConfigs::default()
+    };
+    let mut pools = Box::new(SmallPools::EMPTY);
+    let filter = LowSlam::new(&configs, 1, pools.lend()).expect("memory fits");
+    assert_eq!(filter.particles_max(), 32);
+    let mut slam = Slam::new(&StepConfig::default(), &ScanMatchingMotionConfig::default(), odometry, filter);
+    let mut rng = Pcg32::seed_from_u64(1);
+    let (mut poses, mut dropped, mut left_out) = (Vec::new(), 0, 0);
+    for scan in scans {
+        let robot_from_lrf = scan.robot_from_lrf.unwrap_or(Pose2::IDENTITY);
+        let step = slam.step_with(&scan.scan(), robot_from_lrf, None, &mut rng, |weighing, samples, window| {
+            weighing.weigh_all(samples, window);
+        });
+        let step = step.expect("the scan fits");
+        poses.push(step.map_from_robot);
+        dropped += step.filter.map_or(0, |filter| filter.dropped);
+        left_out += step.filter.map_or(0, |filter| u64::from(filter.squares_left_out));
+    }
+    (poses, dropped, left_out)
+}
+
+fn by_a_computer(scans: &[LogScan]) -> Vec<Pose2> {
+    let mut config = RunConfig::default();
+    config.hierarchy.levels = 1;
+    let mut memory = MapperMemory::new(&config, 1);
+    let mut mapper = Mapper::new(&config, 1, &mut memory).expect("memory fits");
+    let pose = |scan: &LogScan| {
+        let robot_from_lrf = scan.robot_from_lrf.unwrap_or(Pose2::IDENTITY);
+        mapper.add_scan(&scan.scan(), robot_from_lrf, None).expect("the scan fits").0.map_from_robot
+    };
+    scans.iter().map(pose).collect()
+}
+
+/// Paths of other seeds are up to 0.66 m (loop5) and 0.41 m (URG-04LX) away from one another.
+#[test]
+fn small_pools_map_real_logs_as_a_computer_does() {
+    for (name, near_m) in [("loop5.log.gz", 0.7), ("urg04lx-exp2.dat.gz", 0.8)] {
+        let Some(scans) = real_scans(name) else { continue };
+        let (small, dropped, left_out) = by_small_pools(&scans);
+        let large = by_a_computer(&scans);
+        let apart = small.iter().zip(&large).map(|(a, b)| (a.position() - b.position()).norm());
+        let most = apart.fold(0.0, f32::max);
+        println!(
+            "{name}: {most:.3} m from the computer's path at most, {dropped} particles dropped, {left_out} squares left out"
+        );
+        assert!(most < near_m, "{name}: {most} m from the computer's path");
+        assert_eq!(left_out, 0, "{name}");
+    }
+}
