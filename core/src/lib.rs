@@ -7,11 +7,12 @@
 //! # Layers
 //! A module uses only what stands to its left:
 //! `math, time, config | geometry | scan, grid, sweep | filter, ndt, de, lrf | matcher | laser_odometry`, and
-//! `math, random, config | geometry | scan, chords, ancestry | rays, motion | distributed_map, particles | perception | low_slam`.
+//! `math, random, config | geometry | scan, chords, ancestry | rays, motion | distributed_map, particles | perception | low_slam`;
+//! `slam` joins the two, `wire` is the robot's link to its host, and `robot`, which uses them all, is the program of a microcontroller.
 //!
 //! # Data flow
 //! [`RangeScan`](scan::RangeScan) (polar) → [`filter`] → points → [`ScanMatcher`](matcher::ScanMatcher) against an
-//! [`NdtGrid`](ndt::NdtGrid) → [`Match`](matcher::Match) → pose of the robot.
+//! [`NdtGrid`](ndt::NdtGrid) → [`Match`](matcher::Match) → motion of the particles of [`LowSlam`](low_slam::LowSlam) → pose of the robot.
 //!
 //! # Frames
 //! `map`, `robot`, `lrf`: x forward, y left, z up (REP-103), angles counter-clockwise in (−π, π]. A transform is

@@ -1,7 +1,7 @@
 //! Laser SLAM on a computer: logs in, maps and trajectories out.
 //!
 //! # Data flow
-//! [`log`] (scans of a recorded file), or [`link`] → [`driver`] → [`live`] (scans as they come) → mapper (poses) → [`trajectory`], [`occupancy_map`] → files; [`evaluation`]
+//! [`log`] (scans of a recorded file), or [`link`] → [`driver`] → [`live`] (scans as they come) → [`mapper`] (poses) → [`high_slam`] (loops closed) → [`trajectory`], [`occupancy_map`] → files; [`evaluation`]
 //! compares a trajectory with ground truth.
 #![forbid(unsafe_code)]
 

@@ -45,7 +45,7 @@ pub struct MapRun<'m> {
     high: Option<HighSlam>,
     /// Drawn on the way by matching alone, whose path does not change.
     map: OccupancyMap,
-    /// Drawn at the end, from where the best particle was.
+    /// Drawn at the end, from where the best particle was; a high level keeps its own.
     scans: ScanStore,
     trajectory_file: PendingFile,
     places: Vec<ScanPlace>,
@@ -89,7 +89,7 @@ impl<'m> MapRun<'m> {
     /// * `odometry` — the robot's pose by its odometry, if that is to be the prediction
     ///
     /// # Errors
-    /// If the scan has too many points for the memory, or the trajectory cannot be written.
+    /// If the scan has too many points or beams for the memory.
     pub fn add_scan(
         &mut self,
         scan: &RangeScan<'_>,

@@ -18,7 +18,8 @@ use crate::run_report::{Input, RunReport, Source, sha256_of_file};
 /// Map a recorded laser log.
 ///
 /// LOG is a CARMEN log (FLASER, ROBOTLASER1), a DP-SLAM log or tinySLAM's URG-04LX sample, plain or gzip. Written are
-/// trajectory.tum (the robot's pose for every scan), map.pgm and map.yaml (for ROS), map.png (for people) and run.json.
+/// trajectory.tum (the robot's pose for every scan), map.pgm and map.yaml (for ROS), map.png (for people), steps.csv
+/// (what the particle filter did) and run.json.
 #[derive(Debug, Args)]
 pub(super) struct MapArgs {
     /// The log.

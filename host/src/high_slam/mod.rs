@@ -35,7 +35,7 @@ lrfslam_core::config! {
     pub struct HighConfig {
         /// A scan is kept for drawing and matching if the robot has moved so far since the last one kept, m …
         keep_distance_m: f32 = 0.02, in 0.0..=10.0;
-        /// … or turned so far, degrees. 4 bytes a beam of a scan kept.
+        /// … or turned so far, degrees. 8 bytes a beam of a scan kept.
         keep_rotation_deg: f32 = 1.0, in 0.0..=180.0;
     }
 }
