@@ -11,8 +11,10 @@
 //! * A damaged, foreign or oversize frame costs what is between two delimiters and no more.
 //! * Nothing grows: a full queue is an error that the sender sees before anything has changed.
 
+mod conversation;
 pub mod frame;
 pub mod message;
+mod packet;
 mod queue;
 pub mod session;
 
