@@ -1,6 +1,8 @@
 //! What motion does to a scan: the speeds a laser's rate allows, and the correction of each beam for the motion during
 //! the sweep.
 
+use serde::{Deserialize, Serialize};
+
 use crate::geometry::Pose2;
 use crate::scan::{Beam, RangeScan};
 use crate::time::Duration;
@@ -51,7 +53,7 @@ impl SpeedLimits {
 }
 
 /// A displacement of the robot and the time it takes, at constant velocity.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct SweepMotion {
     /// Of the robot.
     pub displacement: Pose2,

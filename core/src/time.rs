@@ -60,6 +60,14 @@ impl Duration {
     }
 }
 
+impl core::ops::Sub for Duration {
+    type Output = Self;
+    /// Saturates at the ends of the representable time.
+    fn sub(self, other: Self) -> Self {
+        Self { micros: self.micros.saturating_sub(other.micros) }
+    }
+}
+
 impl core::ops::Add<Duration> for Instant {
     type Output = Instant;
     /// Saturates at the ends of the representable time.

@@ -4,7 +4,7 @@
 //! that the line's rate gives them; what nobody reads is dropped once 64 KiB wait, which is what Linux keeps for a real
 //! port (a pseudo-terminal alone keeps 4 to 12); unplugging closes the terminal and takes its name away.
 
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -28,7 +28,7 @@ const KERNEL_BUFFER: usize = 64 * 1024;
 const IDLE: Duration = Duration::from_millis(20);
 
 /// A pseudo-terminal under a stable name.
-struct Terminal {
+pub(crate) struct Terminal {
     master: OwnedFd,
     link: PathBuf,
     target: PathBuf,
@@ -80,8 +80,14 @@ pub fn serve(
     Ok(line.report)
 }
 
+impl AsFd for Terminal {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.master.as_fd()
+    }
+}
+
 impl Terminal {
-    fn open(link: &Path) -> Result<Self> {
+    pub(crate) fn open(link: &Path) -> Result<Self> {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).context("pseudo-terminal")?;
         rustix::fs::fcntl_setfl(&master, OFlags::RDWR | OFlags::NONBLOCK).context("pseudo-terminal")?;
         grantpt(&master).context("pseudo-terminal")?;
@@ -104,7 +110,7 @@ impl Terminal {
         tcgetattr(&self.master).map_or(9600, |settings| settings.output_speed())
     }
 
-    fn has_client(&self) -> bool {
+    pub(crate) fn has_client(&self) -> bool {
         let mut polled = [PollFd::new(&self.master, PollFlags::IN)];
         let _ = rustix::event::poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 }));
         !polled[0].revents().contains(PollFlags::HUP)

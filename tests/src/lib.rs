@@ -8,5 +8,6 @@ pub mod data;
 pub mod mcu;
 pub mod oracle;
 pub mod rig;
+pub mod robot_rig;
 
 pub use rig::{Rig, RigReport};

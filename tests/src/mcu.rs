@@ -231,7 +231,8 @@ impl<'d> Bench<'d> {
             RobotEvent::NewRobot => *robots += 1,
             RobotEvent::Status(now) => *status = now,
             RobotEvent::OtherVersion(version) => said.push(format!("speaks version {version}")),
-            RobotEvent::Message(message) => {
+            RobotEvent::Message(told) => {
+                let Some(message) = told.message() else { return };
                 if let FromRobot::Said(text) | FromRobot::Refused(text) = message {
                     said.push(text.to_owned());
                 }

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::sweep_report::ReportConfig;
 use crate::config::{ConfigError, Section};
 use crate::de::DeConfig;
 use crate::distributed_map::ParticleMapConfig;
@@ -74,6 +75,8 @@ pub struct RobotConfig {
     pub perception: PerceptionConfig,
     /// Proposal.
     pub refinement: RefinementConfig,
+    /// What the host is told.
+    pub report: ReportConfig,
 }
 
 impl Default for RobotConfig {
@@ -97,6 +100,7 @@ impl Default for RobotConfig {
             rays: RayConfig { range_max_m: 8.0, ..RayConfig::default() },
             perception: PerceptionConfig::default(),
             refinement: RefinementConfig::default(),
+            report: ReportConfig::default(),
         }
     }
 }
@@ -105,7 +109,7 @@ impl RobotConfig {
     /// # Errors
     /// The first field out of its bounds.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        let sections: [&dyn Section; 14] = [
+        let sections: [&dyn Section; 15] = [
             &self.filter,
             &self.ndt,
             &self.search,
@@ -120,6 +124,7 @@ impl RobotConfig {
             &self.rays,
             &self.perception,
             &self.refinement,
+            &self.report,
         ];
         sections.iter().try_for_each(|section| section.validate())
     }

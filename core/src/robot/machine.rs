@@ -7,9 +7,11 @@ use super::laser::Laser;
 use super::mapping::{Mapped, Mapping, MappingMemory};
 use super::pools::{RobotMemory, TILE_SIDE};
 use super::report::MapReport;
+use super::sweep_report::SweepReport;
 use crate::lrf::driver::{Event, Input as LaserInput, NEVER, Output};
 use crate::scan::{Beam, RangeScan};
 use crate::slam::ScanCapacityError;
+use crate::sweep::Sweep;
 use crate::time::{Duration, Instant};
 use crate::wire::frame::MAX_FRAME;
 use crate::wire::message::{Capacities, FromRobot, Health, Identity, PARTICLES_MAX, ScanPose, Status, ToRobot};
@@ -65,6 +67,7 @@ pub struct Robot<'m> {
     link: Session<'m>,
     work: Work<'m>,
     map_report: MapReport<'m>,
+    sweep_report: SweepReport,
     owes_identity: bool,
     answer: Option<Answer>,
     poses: heapless::Deque<ScanPose, POSES>,
@@ -119,6 +122,7 @@ impl<'m> Robot<'m> {
             tiles: count(mapping.particles.map.tiles.len()),
             tile_side: TILE_SIDE as u8,
             ndt_tiles: count(mapping.odometry.tiles.len()),
+            window_side: count(mapping.particles.window.len().isqrt()),
         };
         Self {
             board,
@@ -126,6 +130,7 @@ impl<'m> Robot<'m> {
             link: Session::new(epoch, None, link),
             work: Work::Waiting(Idle { mapping, telegram, beams }),
             map_report: MapReport::new(ledger),
+            sweep_report: SweepReport::default(),
             owes_identity: false,
             answer: None,
             poses: heapless::Deque::new(),
@@ -170,7 +175,8 @@ impl<'m> Robot<'m> {
             Work::Mapping(running) => running.laser_deadline,
             Work::Waiting(_) | Work::Nothing => NEVER,
         };
-        laser.min(self.link.deadline()).min(self.status_at)
+        let status = if self.link.is_live() { self.status_at } else { NEVER };
+        laser.min(self.link.deadline()).min(status)
     }
 
     fn on_timeout(&mut self, now: Instant, ports: &mut impl Ports) {
@@ -200,7 +206,10 @@ impl<'m> Robot<'m> {
     }
 
     fn drain_laser(&mut self, ports: &mut impl Ports) {
-        let Self { work: Work::Mapping(running), map_report, poses, said, status, .. } = self else { return };
+        let Self { work: Work::Mapping(running), link, map_report, sweep_report, poses, said, status, .. } = self
+        else {
+            return;
+        };
         let Running { laser, laser_deadline, mapping } = running;
         let driver = laser.driver();
         loop {
@@ -216,6 +225,11 @@ impl<'m> Robot<'m> {
                     if mapped.report.filter.is_some() {
                         map_report.map_changed();
                     }
+                    let config = mapping.config();
+                    let motion = mapped.report.odometry.motion;
+                    let sweep = Sweep { scan, robot_from_lrf: config.robot_from_lrf, motion };
+                    let is_told = sweep_report.tell(&config.report, &sweep, &mapped, link);
+                    status.untold_sweeps = status.untold_sweeps.saturating_add(u32::from(!is_told));
                     ports.mapped(&mapped);
                     if poses.is_full() {
                         let _ = poses.pop_front();
@@ -244,6 +258,7 @@ impl<'m> Robot<'m> {
                     self.owes_identity = true;
                     self.status_at = now;
                     self.map_report.forget();
+                    self.sweep_report.forget();
                     None
                 }
                 _ => None,
@@ -294,12 +309,10 @@ impl<'m> Robot<'m> {
 
     /// Queues what there is to say, most important first, and sends what the port has room for.
     fn tell_host(&mut self, now: Instant, ports: &mut impl Ports) {
-        if self.link.is_live() {
-            let _ = self.queue_messages();
-            if now >= self.status_at {
-                self.status_at = now + STATUS_EVERY;
-                self.link.send_latest(&Status { now, health: ports.health(), ..self.status });
-            }
+        let _ = self.queue_messages();
+        if self.link.is_live() && now >= self.status_at {
+            self.status_at = now + STATUS_EVERY;
+            self.link.send_latest(&Status { now, health: ports.health(), ..self.status });
         }
         let mut memory = [0; MAX_FRAME];
         while ports.link_room() >= MAX_FRAME {
@@ -340,7 +353,10 @@ impl<'m> Robot<'m> {
             link.send(&FromRobot::Scan(*pose))?;
             let _ = self.poses.pop_front();
         }
-        self.map_report.run(mapping, link);
+        // A tile that nobody is there for would only be old when somebody comes.
+        if link.is_live() {
+            self.map_report.run(mapping, link);
+        }
         Ok(())
     }
 }

@@ -53,6 +53,7 @@ pub struct Mapping<'m> {
     rng: RandomStream,
     lineage: Lineage,
     best: u8,
+    scans: u32,
 }
 
 /// Where the particles come from since the last segment.
@@ -101,6 +102,7 @@ impl<'m> Mapping<'m> {
             rng: RandomStream::new(config.seed, 0, 0),
             lineage,
             best: 0,
+            scans: 0,
         })
     }
 
@@ -140,7 +142,17 @@ impl<'m> Mapping<'m> {
         let best = self.slam.filter().particles().get(usize::from(self.best));
         let at_step = best.map(|particle| particle.map_from_robot).unwrap_or_default();
         let moved = at_step.between(report.map_from_robot);
-        let pose = ScanPose { stamp: scan.stamp, step: self.lineage.step, moved, is_lost: report.odometry.is_lost };
+        self.scans = self.scans.saturating_add(1);
+        let matched = &report.odometry.matched;
+        let pose = ScanPose {
+            stamp: scan.stamp,
+            number: self.scans,
+            step: self.lineage.step,
+            moved,
+            odometry: matched.map_from_robot,
+            undetermined: matched.undetermined,
+            is_lost: report.odometry.is_lost,
+        };
         Ok(Mapped { stamp: scan.stamp, report, pose })
     }
 

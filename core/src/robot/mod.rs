@@ -16,8 +16,10 @@ mod machine;
 mod mapping;
 mod pools;
 mod report;
+mod sweep_report;
 
 pub use config::{LaserConfig, LaserFamily, RobotConfig};
 pub use machine::{Input, Ports, Robot};
 pub use mapping::{Mapped, Mapping, MappingError, MappingMemory};
 pub use pools::{CompactPools, RobotMemory, RobotPools, StandardPools, TILE_SIDE};
+pub use sweep_report::ReportConfig;

@@ -11,8 +11,6 @@ use crate::wire::session::{QueueFullError, Session};
 
 /// Bytes of a tile's squares.
 pub(super) const TILE_BYTES: usize = 2 * TILE_SIDE * TILE_SIDE;
-/// Room in the queue that tiles leave to what matters more.
-const KEPT_FREE: usize = 1200;
 /// Most places that one pass can tell apart.
 const PLACES: usize = 1024;
 
@@ -160,7 +158,8 @@ fn bytes_of(tile: &Tile<TILE_SIDE>) -> [u8; TILE_BYTES] {
 }
 
 fn tell(place: TilePlace, squares: &[u8], link: &mut Session<'_>) -> Result<(), QueueFullError> {
-    if link.queue_room() < KEPT_FREE {
+    // The other half of the queue is for what matters more.
+    if link.queue_room() < link.queue_capacity() / 2 {
         return Err(QueueFullError);
     }
     let update = TileUpdate { column: place.column, row: place.row, squares };

@@ -3,7 +3,8 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::Pose2;
+use super::sweep::SweepPart;
+use crate::geometry::{Point2, Pose2};
 use crate::robot::RobotConfig;
 use crate::time::Instant;
 
@@ -47,6 +48,9 @@ pub enum FromRobot<'a> {
     MapEnd(u32),
     /// Something in words: what the laser does.
     Said(&'a str),
+    /// A part of a scan, before the [`FromRobot::Scan`] with its stamp. Not of every scan: see [`ReportConfig`](crate::robot::ReportConfig).
+    #[serde(borrow)]
+    Sweep(SweepPart<'a>),
 }
 
 /// What a robot is.
@@ -73,18 +77,26 @@ pub struct Capacities {
     pub tile_side: u8,
     /// Tiles of the matcher's reference.
     pub ndt_tiles: u16,
+    /// Map tiles along the side of the window about the robot in which its scans must lie.
+    pub window_side: u16,
 }
 
 /// Where the robot was at one scan: the pose of the most likely particle at the filter's last step, and what laser odometry says
-/// since.
+/// since; and what laser odometry says by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ScanPose {
     /// Of the scan, on the robot's clock.
     pub stamp: Instant,
+    /// Number of the scan, from 1; what is missing between two was lost while the link was away.
+    pub number: u32,
     /// Number of the filter's last step, this scan's included; 0 before the first.
     pub step: u32,
     /// From the pose of any particle at that step to the robot's now.
     pub moved: Pose2,
+    /// Pose in the map of laser odometry, which goes on from the particles' mean after each step: what tells two scans apart.
+    pub odometry: Pose2,
+    /// Unit vector in that map about which the scene says nothing.
+    pub undetermined: Option<Point2>,
     /// The scan agrees too little with the map for the pose to be believed.
     pub is_lost: bool,
 }
@@ -151,6 +163,8 @@ pub struct Status {
     pub restarts: u32,
     /// Scans that were not believed.
     pub lost_scans: u32,
+    /// Scans that would have been told with their beams and found no room in the queue.
+    pub untold_sweeps: u32,
     /// What the board says of itself.
     pub health: Health,
 }

@@ -42,6 +42,11 @@ impl<'m> SendQueue<'m> {
         self.next
     }
 
+    /// Bytes for messages and what stands before them.
+    pub(super) fn capacity(&self) -> usize {
+        self.memory.len()
+    }
+
     /// Bytes that a new message may have.
     pub(super) fn room(&self) -> usize {
         (self.memory.len() - self.used).saturating_sub(PREFIX)

@@ -121,6 +121,11 @@ impl<'m> Session<'m> {
         self.conversation.queue.base() == self.conversation.queue.end()
     }
 
+    /// Bytes that the queue has for reliable messages.
+    pub fn queue_capacity(&self) -> usize {
+        self.conversation.queue.capacity()
+    }
+
     /// Bytes of reliable messages that the queue takes now.
     pub fn queue_room(&self) -> usize {
         self.conversation.queue.room()

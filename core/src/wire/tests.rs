@@ -1,7 +1,11 @@
 use super::frame::{FrameDecoder, MAX_FRAME, MAX_PAYLOAD, encode};
-use super::message::{FromRobot, TileUpdate};
+use super::message::{FromRobot, ScanPose, TileUpdate};
 use super::session::{Packet, Progress, Received, Session, SessionMemory, VERSION};
+use super::sweep::for_each_part;
+use crate::geometry::Pose2;
 use crate::random::RandomStream;
+use crate::scan::{Beam, Echo, RangeScan};
+use crate::sweep::{Sweep, SweepMotion};
 use crate::time::{Duration, Instant};
 use proptest::prelude::*;
 use rand_core::Rng;
@@ -361,7 +365,25 @@ fn examples_of_the_specification_are_what_is_sent() {
     let tile = FromRobot::Tile(TileUpdate { column: -1, row: 2, squares: &squares });
     let mut memory = [0; MAX_FRAME];
     let tile = framed(postcard::to_slice(&tile, &mut memory).unwrap());
-    for example in [&framed(b"123456789"), &packet(hello), &packet(ack), &tile[..14].to_vec()] {
+    let echo = [Echo::Invalid, Echo::Miss, Echo::Hit(2.0), Echo::Hit(1.998)];
+    let beam = |index: usize| Beam {
+        bearing_rad: -0.25 + 0.25 * index as f32,
+        offset: Duration::from_micros(98 * index as i64),
+        echo: echo[index],
+    };
+    let (stamp, forward) = (Instant::from_micros(1_000_000), Pose2::new(0.5, 0.0, 0.0));
+    let scan = RangeScan { stamp, range_max_m: 5.5, beams: &[0, 1, 2, 3].map(beam) };
+    let motion = SweepMotion { displacement: forward, duration: Duration::from_millis(100) };
+    let mut sweep = Vec::new();
+    let told = for_each_part(&Sweep { scan, robot_from_lrf: Pose2::IDENTITY, motion }, |part| {
+        sweep = framed(postcard::to_slice(&FromRobot::Sweep(*part), &mut memory).unwrap());
+        Ok(())
+    });
+    assert_eq!(told, Ok(()));
+    let odometry = Pose2::new(1.5, 0.0, 0.0);
+    let pose = ScanPose { stamp, number: 7, step: 2, moved: forward, odometry, undetermined: None, is_lost: false };
+    let pose = framed(postcard::to_slice(&FromRobot::Scan(pose), &mut memory).unwrap());
+    for example in [&framed(b"123456789"), &packet(hello), &packet(ack), &tile[..14].to_vec(), &sweep, &pose] {
         assert!(is_in_the_specification(example), "{example:02x?}");
     }
 }

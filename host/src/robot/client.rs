@@ -3,11 +3,23 @@
 use lrfslam_core::robot::RobotConfig;
 use lrfslam_core::time::Instant;
 use lrfslam_core::wire::frame::MAX_FRAME;
-use lrfslam_core::wire::message::{FromRobot, Status, ToRobot};
+use lrfslam_core::wire::message::{Capacities, FromRobot, Status, ToRobot};
 use lrfslam_core::wire::session::{Progress, QueueFullError, Received, Session, SessionMemory};
 
 /// Bytes of requests that wait for the robot.
 const QUEUE: usize = 4096;
+/// A robot's window reaches so much farther to each side than its beams: particles apart from one another, and tiles cut at the window's edge.
+const WINDOW_MARGIN_M: f32 = 2.4;
+
+/// `config` with no more particles, and no longer beams, than the robot has memory for.
+fn fitted(config: &RobotConfig, capacities: &Capacities) -> RobotConfig {
+    let mut config = *config;
+    config.particles.particles = config.particles.particles.min(capacities.particles);
+    let window_m =
+        f32::from(capacities.window_side) * f32::from(capacities.tile_side) * config.particle_map.square_size_m;
+    config.rays.range_max_m = config.rays.range_max_m.min(0.5 * window_m - WINDOW_MARGIN_M).max(1.0);
+    config
+}
 
 /// The memory that a [`RobotClient`] works in.
 #[derive(Debug)]
@@ -30,11 +42,27 @@ pub enum RobotEvent<'a> {
     /// A robot that was not there before, or was started anew.
     NewRobot,
     /// A message, once and in order.
-    Message(FromRobot<'a>),
+    Message(Told<'a>),
     /// How it is now.
     Status(Status),
     /// It speaks another version of the protocol.
     OtherVersion(u16),
+}
+
+/// A message of the robot's; it is acknowledged when the sink that is given it has returned.
+#[derive(Debug, Clone, Copy)]
+pub struct Told<'a> {
+    /// Which it is.
+    pub at: Progress,
+    /// As it came.
+    pub bytes: &'a [u8],
+}
+
+impl<'a> Told<'a> {
+    /// What it says; `None` if this version of the protocol has no such message.
+    pub fn message(&self) -> Option<FromRobot<'a>> {
+        postcard::from_bytes(self.bytes).ok()
+    }
 }
 
 /// The host's end of a session: bytes and the time in, frames and events out.
@@ -70,15 +98,19 @@ impl<'m> RobotClient<'m> {
     pub fn take(&mut self, now: Instant, bytes: &[u8], sink: &mut dyn FnMut(RobotEvent<'_>)) {
         let mut rest = bytes;
         while !rest.is_empty() {
+            let before = self.session.progress();
             let (taken, received) = self.session.take(now, rest);
             rest = &rest[taken..];
-            let mut is_identity = false;
+            let mut introduced = None;
             match received {
-                Some(Received::Reliable(message)) => {
-                    if let Ok(message) = postcard::from_bytes::<FromRobot<'_>>(message) {
-                        is_identity = matches!(message, FromRobot::Identity(_));
-                        sink(RobotEvent::Message(message));
+                Some(Received::Reliable(bytes)) => {
+                    // Only one whose epoch was known has come through.
+                    let at = before.unwrap_or(Progress { epoch: 0, next: 0 });
+                    let told = Told { at, bytes };
+                    if let Some(FromRobot::Identity(identity)) = told.message() {
+                        introduced = Some(identity.capacities);
                     }
+                    sink(RobotEvent::Message(told));
                 }
                 Some(Received::Latest(message)) => {
                     postcard::from_bytes(message).into_iter().for_each(|status| sink(RobotEvent::Status(status)));
@@ -87,9 +119,9 @@ impl<'m> RobotClient<'m> {
                 Some(Received::OtherVersion(version)) => sink(RobotEvent::OtherVersion(version)),
                 None => {}
             }
-            if is_identity {
+            if let Some(capacities) = introduced {
                 // A full queue holds requests that the robot has not taken; it will introduce itself to the next host again.
-                let _ = self.ask(&ToRobot::Configure(self.config));
+                let _ = self.ask(&ToRobot::Configure(fitted(&self.config, &capacities)));
             }
         }
     }

@@ -33,7 +33,7 @@ impl RobotMap {
                 self.is_complete = false;
             }
             FromRobot::MapEnd(tiles) => self.is_complete = self.tiles.len() == *tiles as usize,
-            FromRobot::Configured | FromRobot::Refused(_) | FromRobot::Said(_) => {}
+            FromRobot::Configured | FromRobot::Refused(_) | FromRobot::Said(_) | FromRobot::Sweep(_) => {}
         }
     }
 
@@ -54,6 +54,13 @@ impl RobotMap {
     /// All segments, in order.
     pub fn segments(&self) -> &[Segment] {
         &self.segments
+    }
+
+    /// Scans that the robot took since the first one told, and that nobody told of: the link was away for longer than its memory lasts.
+    pub fn missing_scans(&self) -> u32 {
+        let ends = self.scans.first().zip(self.scans.last());
+        let taken = ends.map_or(0, |(first, last)| last.number.saturating_sub(first.number).saturating_add(1));
+        taken.saturating_sub(self.scans.len() as u32)
     }
 
     /// All scans' poses, in order, each relative to the filter's step before.
@@ -81,13 +88,25 @@ impl RobotMap {
         })
     }
 
-    /// The best particle's path: a pose for each scan whose step is known.
-    pub fn path(&self) -> Vec<TimedPose> {
+    /// The best particle's path, a pose for each scan. Where segments were joined, laser odometry leads from one known step to the next.
+    ///
+    /// Scans before the first known step are left out: a host that came late has no path to them.
+    pub fn path(&self) -> Vec<(usize, TimedPose)> {
         let steps: BTreeMap<u32, Pose2> = self.steps_backwards().collect();
-        let pose = |scan: &ScanPose| {
-            let at_step = steps.get(&scan.step)?;
-            Some(TimedPose { stamp: scan.stamp, map_from_robot: *at_step * scan.moved })
+        let mut last: Option<(Pose2, Pose2)> = None;
+        let pose = |(index, scan): (usize, &ScanPose)| {
+            let at_step = steps.get(&scan.step).map(|step| *step * scan.moved);
+            let reckoned = last.map(|(pose, odometry)| pose * odometry.between(scan.odometry));
+            let map_from_robot = at_step.or(reckoned)?;
+            last = Some((map_from_robot, scan.odometry));
+            Some((index, TimedPose { stamp: scan.stamp, map_from_robot }))
         };
-        self.scans.iter().filter_map(pose).collect()
+        self.scans.iter().enumerate().filter_map(pose).collect()
+    }
+
+    /// True if the path to the latest pose begins with the robot's first step.
+    pub fn is_from_start(&self) -> bool {
+        let first = self.segments.first().is_some_and(|segment| segment.since_step == 0);
+        first && self.steps_backwards().count() == self.segments.len()
     }
 }

@@ -1,10 +1,16 @@
 //! The host's end of a robot that does the SLAM itself: configures it, and keeps what it tells.
 //!
-//! bytes → [`RobotClient`] (session, requests) → [`RobotMap`] (paths of the particles, tiles of the best one's map) → path and picture.
-//! The protocol is in `docs/robot-link.md`.
+//! [`RobotLink`] (port) → [`RobotClient`] (session, requests) → [`Journal`] (on disk, then acknowledged) → [`RobotMap`] (paths of the particles, tiles
+//! of the best one's map), [`Sweeps`] (scans) → high level, path and pictures. The protocol is in `docs/robot-link.md`.
 
 mod client;
+mod journal;
+mod link;
 mod map;
+mod sweeps;
 
-pub use client::{ClientMemory, RobotClient, RobotEvent};
+pub use client::{ClientMemory, RobotClient, RobotEvent, Told};
+pub use journal::{JOURNAL, Journal};
+pub use link::{LinkEvent, RobotLink};
 pub use map::{RobotMap, Tiles};
+pub use sweeps::{Sweeps, ToldSweep};

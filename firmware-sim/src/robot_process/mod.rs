@@ -1,0 +1,307 @@
+//! The robot's program as a process: [`lrfslam_core::robot`] between a laser at a serial port and a host at another one or on the network.
+//!
+//! What firmware is on a microcontroller, this is on a computer of a robot: the same state machine, to which bytes and the time are brought.
+//! Each line has a thread that reads and stamps; the robot itself has one, because its results must depend on nothing but the order of
+//! its inputs.
+
+mod clock;
+mod port;
+
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::time::Duration as WallDuration;
+
+use anyhow::{Context as _, Result};
+use lrfslam_core::robot::{Input, Ports, Robot, RobotMemory, RobotPools};
+use lrfslam_core::time::{Duration, Instant};
+use lrfslam_core::wire::message::Health;
+
+use self::clock::Clock;
+use self::port::{News, Port};
+use crate::fault::FaultLink;
+
+/// Where the host is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum HostLine {
+    /// At a serial port, at this rate, bit/s.
+    Serial(PathBuf, u32),
+    /// At a pseudo-terminal that is made, under this name.
+    Terminal(PathBuf),
+    /// Comes by TCP; a new connection takes the place of an old one.
+    Tcp(SocketAddr),
+}
+
+/// What a robot is plugged to.
+#[derive(Debug, Clone)]
+pub struct Wiring {
+    /// The laser's serial port; it may be unplugged and plugged in again.
+    pub laser: PathBuf,
+    /// The host.
+    pub host: HostLine,
+    /// Chance that a frame on the host's line is damaged or lost, 0–1, and the seed of that.
+    pub faults: (f32, u64),
+}
+
+/// Memory of a robot of any size.
+pub trait Memory: 'static {
+    /// Unused memory.
+    fn boxed() -> Box<Self>;
+    /// As slices.
+    fn lend(&mut self) -> RobotMemory<'_>;
+}
+
+impl<
+    const TILES: usize,
+    const WINDOW: usize,
+    const PARTICLES: usize,
+    const NODES: usize,
+    const BEAMS: usize,
+    const NDT_TILES: usize,
+    const QUEUE: usize,
+> Memory for RobotPools<TILES, WINDOW, PARTICLES, NODES, BEAMS, NDT_TILES, QUEUE>
+{
+    fn boxed() -> Box<Self> {
+        Box::new(Self::EMPTY)
+    }
+
+    fn lend(&mut self) -> RobotMemory<'_> {
+        Self::lend(self)
+    }
+}
+
+/// A port that is not there is tried again after this time.
+const REOPEN: Duration = Duration::from_millis(300);
+/// Longest wait, so that a stop is noticed …
+const IDLE: Duration = Duration::from_millis(20);
+/// … and while a line has bytes to take.
+const BUSY: Duration = Duration::from_millis(1);
+/// The rate of the laser's port until its driver sets one.
+const FIRST_BAUD: u32 = 9600;
+
+/// Runs a robot with memory of the size `M` until `stop` is set; `say` is told what happens on its lines.
+///
+/// # Errors
+/// If the host's line cannot be opened at the start.
+pub fn serve<M: Memory>(wiring: &Wiring, stop: &Arc<AtomicBool>, say: &(dyn Fn(&str) + Sync)) -> Result<()> {
+    let mut lines = Lines::open(wiring, stop, say)?;
+    // The pools pass over the stack once, on their way to the heap.
+    let stack = 2 * size_of::<M>() + (4 << 20);
+    std::thread::scope(|scope| {
+        let robot = std::thread::Builder::new().name("robot".to_owned()).stack_size(stack);
+        let robot = robot.spawn_scoped(scope, || {
+            while !stop.load(Ordering::Relaxed) {
+                lines.run(M::boxed().lend(), stop);
+                say("the robot starts anew");
+            }
+        });
+        robot.context("starting the robot's thread").map(|_| ())
+    })
+}
+
+/// What happens on the lines.
+enum Event {
+    Laser(u32, News),
+    Host(u32, News),
+    Connection(TcpStream),
+}
+
+/// The lines of a robot.
+struct Lines<'s> {
+    wiring: Wiring,
+    clock: Clock,
+    say: &'s (dyn Fn(&str) + Sync),
+    events: Receiver<Event>,
+    sender: Sender<Event>,
+    /// Number of the last line opened: what an older one still says is not heard.
+    generation: u32,
+    laser: Option<Port>,
+    laser_at: Instant,
+    host: Option<Port>,
+    host_at: Instant,
+    to_host: FaultLink,
+    from_host: FaultLink,
+    laser_generation: u32,
+    host_generation: u32,
+    is_restart: bool,
+    longest_us: u32,
+}
+
+impl<'s> Lines<'s> {
+    fn open(wiring: &Wiring, stop: &Arc<AtomicBool>, say: &'s (dyn Fn(&str) + Sync)) -> Result<Self> {
+        let (sender, events) = channel();
+        let (chance, seed) = wiring.faults;
+        let mut lines = Self {
+            wiring: wiring.clone(),
+            clock: Clock::start(),
+            say,
+            events,
+            sender,
+            generation: 0,
+            laser: None,
+            laser_at: Instant::default(),
+            host: None,
+            host_at: Instant::default(),
+            to_host: FaultLink::new(chance, seed),
+            from_host: FaultLink::new(chance, seed ^ 0x5EED),
+            laser_generation: 0,
+            host_generation: 0,
+            is_restart: false,
+            longest_us: 0,
+        };
+        match &wiring.host {
+            HostLine::Tcp(address) => {
+                let listener = TcpListener::bind(address).with_context(|| format!("listening at {address}"))?;
+                say(&format!("listening at {}", listener.local_addr().unwrap_or(*address)));
+                port::accept(listener, lines.sender.clone(), stop.clone(), Event::Connection);
+            }
+            HostLine::Serial(path, baud) => lines.plug_host(Port::serial(path, *baud)?),
+            HostLine::Terminal(path) => lines.plug_host(Port::terminal(path)?),
+        }
+        Ok(lines)
+    }
+
+    fn plug_host(&mut self, port: Port) {
+        self.generation += 1;
+        let generation = self.generation;
+        port.listen(self.clock, self.sender.clone(), move |news| Event::Host(generation, news));
+        self.host_generation = generation;
+        self.host = Some(port);
+    }
+
+    fn plug_laser(&mut self, port: Port) {
+        self.generation += 1;
+        let generation = self.generation;
+        port.listen(self.clock, self.sender.clone(), move |news| Event::Laser(generation, news));
+        self.laser_generation = generation;
+        self.laser = Some(port);
+    }
+
+    /// One life of the robot: until `stop`, or until it wants to start anew.
+    fn run(&mut self, memory: RobotMemory<'_>, stop: &AtomicBool) {
+        self.is_restart = false;
+        let mut robot = Robot::new("linux", self.clock.epoch(), memory);
+        let mut deadline = self.clock.now();
+        for input in
+            [self.laser.is_some().then_some(Input::LaserConnected), self.host.is_some().then_some(Input::LinkConnected)]
+                .into_iter()
+                .flatten()
+        {
+            deadline = self.give(&mut robot, self.clock.now(), input);
+        }
+        while !stop.load(Ordering::Relaxed) && !self.is_restart {
+            deadline = self.reopen(&mut robot, deadline);
+            deadline = match self.events.recv_timeout(self.patience(deadline)) {
+                Ok(event) => self.take(&mut robot, event, deadline),
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
+                    [&mut self.laser, &mut self.host].into_iter().flatten().for_each(Port::flush);
+                    // Its frames wait until the line has room again.
+                    self.give(&mut robot, self.clock.now(), Input::Timeout)
+                }
+            };
+        }
+        // A new epoch must differ from this one.
+        std::thread::sleep(WallDuration::from_millis(40));
+    }
+
+    /// How long nothing has to be done.
+    fn patience(&self, deadline: Instant) -> WallDuration {
+        let is_busy = [&self.laser, &self.host].into_iter().flatten().any(|port| port.pending() > 0);
+        let longest = if is_busy { BUSY } else { IDLE };
+        let wait = deadline.since(self.clock.now()).micros.clamp(0, longest.micros);
+        WallDuration::from_micros(wait as u64)
+    }
+
+    /// Opens serial ports that are gone.
+    fn reopen(&mut self, robot: &mut Robot<'_>, mut deadline: Instant) -> Instant {
+        let now = self.clock.now();
+        if self.laser.is_none() && now >= self.laser_at {
+            self.laser_at = now + REOPEN;
+            if let Ok(port) = Port::serial(&self.wiring.laser, FIRST_BAUD) {
+                (self.say)("the laser is plugged in");
+                self.plug_laser(port);
+                deadline = self.give(robot, now, Input::LaserConnected);
+            }
+        }
+        if let HostLine::Serial(path, baud) = &self.wiring.host
+            && self.host.is_none()
+            && now >= self.host_at
+        {
+            self.host_at = now + REOPEN;
+            if let Ok(port) = Port::serial(path, *baud) {
+                self.plug_host(port);
+                deadline = self.give(robot, now, Input::LinkConnected);
+            }
+        }
+        deadline
+    }
+
+    fn take(&mut self, robot: &mut Robot<'_>, event: Event, deadline: Instant) -> Instant {
+        match event {
+            Event::Laser(generation, news) if generation == self.laser_generation => match news {
+                News::Bytes(at, bytes) => self.give(robot, at, Input::LaserBytes(&bytes)),
+                News::Gone => {
+                    (self.say)("the laser is unplugged");
+                    self.laser = None;
+                    self.give(robot, self.clock.now(), Input::LaserDisconnected)
+                }
+            },
+            Event::Host(generation, news) if generation == self.host_generation => match news {
+                News::Bytes(at, bytes) => {
+                    let bytes = self.from_host.pass(at, bytes);
+                    self.give(robot, at, Input::LinkBytes(&bytes))
+                }
+                News::Gone => {
+                    (self.say)("the host is gone");
+                    self.host = None;
+                    self.give(robot, self.clock.now(), Input::LinkDisconnected)
+                }
+            },
+            Event::Connection(stream) => {
+                let Ok(port) = Port::tcp(stream) else { return deadline };
+                (self.say)("a host is there");
+                self.give(robot, self.clock.now(), Input::LinkDisconnected);
+                self.plug_host(port);
+                self.give(robot, self.clock.now(), Input::LinkConnected)
+            }
+            Event::Laser(..) | Event::Host(..) => deadline,
+        }
+    }
+
+    fn give(&mut self, robot: &mut Robot<'_>, now: Instant, input: Input<'_>) -> Instant {
+        let started = self.clock.now();
+        let deadline = robot.handle(now, input, self);
+        let took = self.clock.now().since(started).micros;
+        self.longest_us = self.longest_us.max(u32::try_from(took).unwrap_or(u32::MAX));
+        deadline
+    }
+}
+
+impl Ports for Lines<'_> {
+    fn send_to_laser(&mut self, bytes: &[u8]) {
+        self.laser.iter_mut().for_each(|port| port.write(bytes));
+    }
+
+    fn set_laser_baud(&mut self, baud: u32) {
+        self.laser.iter_mut().for_each(|port| port.set_baud(baud));
+    }
+
+    fn link_room(&self) -> usize {
+        self.host.as_ref().map_or(0, Port::room)
+    }
+
+    fn send_to_host(&mut self, frame: &[u8]) {
+        let bytes = self.to_host.pass(self.clock.now(), frame.to_vec());
+        self.host.iter_mut().for_each(|port| port.write(&bytes));
+    }
+
+    fn restart(&mut self) {
+        self.is_restart = true;
+    }
+
+    fn health(&self) -> Health {
+        Health { longest_us: self.longest_us, ..Health::default() }
+    }
+}
