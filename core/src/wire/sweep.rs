@@ -1,6 +1,6 @@
 //! A scan in messages: its beams as the laser took them, a byte or two each.
 //!
-//! [`RangeScan`] → parts that fit a message, each readable by itself → beams. Ranges are told in whole millimetres, which is what the
+//! [`RangeScan`](crate::scan::RangeScan) → parts that fit a message, each readable by itself → beams. Ranges are told in whole millimetres, which is what the
 //! sensors tell; bearings and times as lying evenly, which is how the sensors take them.
 
 use serde::{Deserialize, Serialize};

@@ -23,7 +23,7 @@ pub enum LinkEvent<'a> {
     Gone(&'a io::Error),
 }
 
-/// See the [module](self).
+/// A robot at a port, and the conversation with it.
 pub struct RobotLink<'m> {
     address: Address,
     baud: u32,
