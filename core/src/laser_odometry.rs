@@ -9,7 +9,7 @@ use crate::de::{DeConfig, Member};
 use crate::filter::{self, FilterConfig, PointCapacityError};
 use crate::geometry::{Point2, Pose2};
 use crate::matcher::{Match, MatcherConfig, Prediction, RecoveryConfig, ScanMatcher, SearchConfig};
-use crate::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtMemoryError, NdtTile};
+use crate::ndt::{DirectoryEntry, InsertReport, NdtConfig, NdtGrid, NdtMemoryError, NdtTile};
 use crate::scan::RangeScan;
 use crate::sweep::{Sweep, SweepMotion};
 use crate::time::{Duration, Instant};
@@ -104,8 +104,8 @@ pub struct StepReport {
     pub is_key: bool,
     /// True if the scan agrees too little with the reference for the pose to be believed.
     pub is_lost: bool,
-    /// Points that the full pool could not take.
-    pub dropped: u32,
+    /// What the reference could not keep.
+    pub inserted: InsertReport,
     /// How the robot was taken to move during the sweep.
     pub motion: SweepMotion,
 }
@@ -204,7 +204,7 @@ impl<'m> LaserOdometry<'m> {
         let is_settling = self.scans < u32::from(self.config.odometry.settling_scans);
         self.scans = self.scans.saturating_add(1);
         let is_key = is_settling || (is_trusted && self.is_key(map_from_robot));
-        let dropped = if is_key { self.extend(map_from_robot, hits) } else { 0 };
+        let inserted = if is_key { self.extend(map_from_robot, hits) } else { InsertReport::default() };
         let step = self.map_from_robot.between(map_from_robot);
         self.velocity = if is_lost || step.heading.abs() > 0.5 { Pose2::IDENTITY } else { step };
         self.map_from_robot = map_from_robot;
@@ -220,7 +220,7 @@ impl<'m> LaserOdometry<'m> {
             points: count,
             is_key,
             is_lost,
-            dropped,
+            inserted,
             motion,
         })
     }
@@ -280,7 +280,7 @@ impl<'m> LaserOdometry<'m> {
     }
 
     /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.
-    fn extend(&mut self, map_from_robot: Pose2, count: usize) -> u32 {
+    fn extend(&mut self, map_from_robot: Pose2, count: usize) -> InsertReport {
         self.map_from_key = map_from_robot;
         let Self { ndt, hits: points, key_points, key_scans, .. } = self;
         let points = points.get(..count).unwrap_or_default();
@@ -302,7 +302,7 @@ impl<'m> LaserOdometry<'m> {
                 }
             }
         }
-        ndt.insert(points, map_from_robot).dropped
+        ndt.insert(points, map_from_robot)
     }
 }
 

@@ -54,7 +54,7 @@ struct Memory {
 
 impl Memory {
     fn new() -> Self {
-        Self { directory: vec![DirectoryEntry::default(); 4 * 256 * 256], tiles: vec![NdtTile::EMPTY; 1000] }
+        Self { directory: vec![DirectoryEntry::default(); 4 * 512 * 512], tiles: vec![NdtTile::EMPTY; 4000] }
     }
 
     fn grid(&mut self, config: &NdtConfig, hits: &[Point2]) -> NdtGrid<'_> {

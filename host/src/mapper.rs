@@ -62,6 +62,8 @@ pub struct MatchCounts {
     pub points: u64,
     /// Points that found the pool of cells full.
     pub dropped_points: u64,
+    /// Tiles of cells that were forgotten for nearer ones.
+    pub forgotten_tiles: u64,
 }
 
 impl MatchCounts {
@@ -71,7 +73,8 @@ impl MatchCounts {
         self.key_scans += u64::from(step.is_key);
         self.generations += u64::from(step.matched.generations);
         self.points += step.points as u64;
-        self.dropped_points += u64::from(step.dropped);
+        self.dropped_points += u64::from(step.inserted.dropped);
+        self.forgotten_tiles += u64::from(step.inserted.evicted);
     }
 }
 

@@ -75,7 +75,7 @@ fn map(mapping: &mut Mapping<'_>, scans: &[LogScan]) -> Mapped {
         match mapping.add_scan(&scan.scan()) {
             Ok(done) => {
                 mapped.poses.push(done.report.map_from_robot);
-                mapped.ndt_dropped += done.report.odometry.dropped;
+                mapped.ndt_dropped += done.report.odometry.inserted.dropped;
                 mapped.dropped += done.report.filter.map_or(0, |filter| filter.dropped);
                 mapped.tiles = mapped.tiles.max(done.report.filter.map_or(0, |filter| filter.tiles));
             }

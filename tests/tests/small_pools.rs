@@ -32,7 +32,7 @@ fn real_scans(name: &str) -> Option<Vec<LogScan>> {
 
 /// Poses of the best particle, scan by scan, and how many particles and squares found no room.
 fn by_small_pools(scans: &[LogScan]) -> (Vec<Pose2>, usize, u64) {
-    let (mut directory, mut tiles) = (vec![DirectoryEntry::default(); 4 * 128 * 128], vec![NdtTile::EMPTY; 4096]);
+    let (mut directory, mut tiles) = (vec![DirectoryEntry::default(); 4 * 256 * 256], vec![NdtTile::EMPTY; 16384]);
     let (mut population, mut points) = (vec![Member::EMPTY; 300], vec![Point2::default(); 1024]);
     let mut hits = points.clone();
     let lent = OdometryMemory {

@@ -19,7 +19,7 @@ struct Memory {
 impl Memory {
     fn new(tiles: usize) -> Self {
         Self {
-            directory: vec![DirectoryEntry::default(); 4 * 64 * 64],
+            directory: vec![DirectoryEntry::default(); 4 * 128 * 128],
             tiles: vec![NdtTile::EMPTY; tiles],
             population: vec![Member::EMPTY; 300],
             points: vec![Point2::default(); 200],
@@ -81,7 +81,7 @@ fn a_circle_closes_against_every_reference() {
             let mut odometry = memory.odometry(&with_reference(reference));
             let (end, reports) = drive(&mut odometry, (0..=120).map(circle), Pose2::IDENTITY, seed);
             assert!(end.position().norm() < tolerance_m, "{reference:?} seed {seed} ends at {end:?}");
-            assert!(reports.iter().all(|r| !r.is_lost && r.dropped == 0));
+            assert!(reports.iter().all(|r| !r.is_lost && r.inserted.dropped == 0));
         }
     }
 }
@@ -147,7 +147,7 @@ fn little_memory_is_reported_and_survived() {
     let mut memory = Memory::new(12);
     let mut odometry = memory.odometry(&LaserOdometryConfig::default());
     let (end, reports) = drive(&mut odometry, (0..60).map(circle), Pose2::IDENTITY, 1);
-    assert!(reports.iter().any(|r| r.dropped > 0));
+    assert!(reports.iter().any(|r| r.inserted.dropped > 0));
     assert!(end.is_finite());
     memory.points.truncate(20);
     let mut odometry = memory.odometry(&LaserOdometryConfig::default());
@@ -164,7 +164,7 @@ fn a_moving_window_of_scans_gives_its_tiles_back() {
     config.odometry.recent_scans = 3;
     let mut odometry = memory.odometry(&config);
     let (_, reports) = drive(&mut odometry, (0..=480).map(circle), Pose2::IDENTITY, 1);
-    assert!(reports.iter().all(|r| r.dropped == 0));
+    assert!(reports.iter().all(|r| r.inserted.dropped == 0));
 }
 
 /// Each beam is measured where the turning robot is at the beam's time, over the whole interval from scan to scan.

@@ -29,8 +29,8 @@ fn points(world: &World, pose: Pose2, radius_m: f32, range_max_m: f32, rng: &mut
 /// Matches a scan from `at` against a scan from the origin, both filtered as the thesis does.
 fn match_from(world: &World, at: Pose2, config: &MatcherConfig, range_max_m: f32, seed: u64) -> (Match, Pose2) {
     let mut rng = Pcg32::seed_from_u64(seed);
-    let mut directory = vec![DirectoryEntry::default(); 4 * 64 * 64];
-    let mut tiles = vec![NdtTile::EMPTY; 800];
+    let mut directory = vec![DirectoryEntry::default(); 4 * 128 * 128];
+    let mut tiles = vec![NdtTile::EMPTY; 3200];
     let mut population = vec![Member::EMPTY; 100];
     let mut ndt = NdtGrid::new(&NDT, &mut directory, &mut tiles).unwrap();
     ndt.insert(&points(world, Pose2::IDENTITY, 0.0, range_max_m, &mut rng), Pose2::IDENTITY);

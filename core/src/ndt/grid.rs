@@ -6,10 +6,11 @@ use crate::geometry::{Point2, Pose2};
 use crate::math::{floor, sin_cos};
 
 /// Cells along a tile's side.
-pub const TILE_CELLS: usize = 8;
+pub const TILE_CELLS: usize = 1 << TILE_SHIFT;
+const TILE_SHIFT: u32 = 2;
 const TILE_AREA: usize = TILE_CELLS * TILE_CELLS;
 /// Farther than this from the origin a point is dropped, m: 16-bit tile coordinates and `f32` give out.
-const REACH_M: f32 = 10_000.0;
+const REACH_M: f32 = 5_000.0;
 
 /// Cells of one square of the plane. All zero when empty, so that a static pool costs no flash.
 #[derive(Debug, Clone)]
@@ -54,8 +55,10 @@ pub enum NdtMemoryError {
 /// What an insertion could not keep.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct InsertReport {
-    /// Points that found no tile because the pool was full, counted once per layer.
+    /// Points that found no tile because the pool was full of nearer ones, counted once per layer.
     pub dropped: u32,
+    /// Tiles forgotten because a place nearer to the robot needed their memory, or their place in the directory.
+    pub evicted: u32,
 }
 
 /// A plane of cells over memory lent by the caller; see the [module](super).
@@ -72,6 +75,7 @@ pub struct NdtGrid<'m> {
     /// Head of the list of tiles given back; 0 ends it.
     free: u16,
     used: u16,
+    /// Tiles forgotten so far.
     evicted: u32,
 }
 
@@ -139,17 +143,15 @@ impl<'m> NdtGrid<'m> {
         usize::from(self.used)
     }
 
-    /// Tiles overwritten because another part of the plane needed their place in the directory.
-    pub fn evicted(&self) -> u32 {
-        self.evicted
-    }
-
-    /// Adds `points` (robot frame) seen from `map_from_robot`. Points that find no tile are counted and left out.
+    /// Adds `points` (robot frame) seen from `map_from_robot`.
+    ///
+    /// When the pool is full, the tile farthest from the robot is forgotten for one that is nearer; of two at the same distance the one
+    /// that came first in the pool. A point farther than all tiles is counted and left out. Cost then: the pool is looked through.
     pub fn insert(&mut self, points: &[Point2], map_from_robot: Pose2) -> InsertReport {
         self.update(points, map_from_robot, 1)
     }
 
-    /// Takes back what [`insert`](Self::insert) added with the same arguments; exact unless a cell was halved in between.
+    /// Takes back what [`insert`](Self::insert) added with the same arguments; exact unless a cell was halved, or forgotten, in between.
     /// Tiles left without points return to the pool.
     pub fn remove(&mut self, points: &[Point2], map_from_robot: Pose2) {
         self.update(points, map_from_robot, -1);
@@ -157,25 +159,26 @@ impl<'m> NdtGrid<'m> {
 
     fn update(&mut self, points: &[Point2], map_from_robot: Pose2, sign: i32) -> InsertReport {
         let mut report = InsertReport::default();
+        let evicted_before = self.evicted;
         let (sin, cos) = sin_cos(map_from_robot.heading);
         for point in points {
             let in_map = rotate_translate(*point, sin, cos, map_from_robot);
             let in_reach = in_map.x.abs() < REACH_M && in_map.y.abs() < REACH_M;
             for layer in 0..self.layers {
-                if !(in_reach && self.update_layer(in_map, layer, sign)) {
+                if !(in_reach && self.update_layer(in_map, layer, sign, map_from_robot.position())) {
                     report.dropped += 1;
                 }
             }
         }
-        report
+        InsertReport { evicted: self.evicted.wrapping_sub(evicted_before), ..report }
     }
 
     /// False if the point found no tile.
-    fn update_layer(&mut self, in_map: Point2, layer: u32, sign: i32) -> bool {
+    fn update_layer(&mut self, in_map: Point2, layer: u32, sign: i32, robot: Point2) -> bool {
         let (u, v) = self.cell_coordinates(in_map, layer);
         let (column, row) = (floor(u), floor(v));
         let place = self.place(column, row, layer);
-        let index = if sign > 0 { self.tile_for(place) } else { self.tile_at(place) };
+        let index = if sign > 0 { self.tile_for(place, robot) } else { self.tile_at(place) };
         let shift = layer_shift(layer);
         let (left, low) = (column as f32, row as f32);
         let centre = Point2::new(left + 0.5 - shift.x, low + 0.5 - shift.y) * self.config.cell_size_m;
@@ -212,12 +215,13 @@ impl<'m> NdtGrid<'m> {
     /// Directory slot, tile and cell of a cell of one layer.
     #[inline(always)]
     pub(super) fn place(&self, column: i32, row: i32, layer: u32) -> Place {
-        let (tile_x, tile_y) = ((column >> 3) as u32, (row >> 3) as u32);
+        let (tile_x, tile_y) = ((column >> TILE_SHIFT) as u32, (row >> TILE_SHIFT) as u32);
+        let (cell_x, cell_y) = (column & (TILE_CELLS as i32 - 1), row & (TILE_CELLS as i32 - 1));
         let mask = (1 << self.side_shift) - 1;
         Place {
             slot: (((layer << self.side_shift) + (tile_y & mask)) << self.side_shift) + (tile_x & mask),
             key: (tile_y << 16) | (tile_x & 0xffff),
-            cell: (((row & 7) << 3) | (column & 7)) as u32,
+            cell: ((cell_y << TILE_SHIFT) | cell_x) as u32,
         }
     }
 
@@ -239,17 +243,20 @@ impl<'m> NdtGrid<'m> {
         }
     }
 
-    /// The tile that holds `place`, taken from the pool if there is none yet; 0 if the pool is empty.
-    fn tile_for(&mut self, place: Place) -> u16 {
+    /// The tile that holds `place`, which takes the memory of a farther one if there is no other; 0 if there is none.
+    fn tile_for(&mut self, place: Place, robot: Point2) -> u16 {
         let Some(entry) = self.directory.get(place.slot as usize).copied() else { return 0 };
         if entry.tile != 0 && entry.key == place.key {
             return entry.tile;
         }
+        let distance = self.distance_to(place.slot, place.key, robot);
         let index = if entry.tile != 0 {
-            self.evicted = self.evicted.saturating_add(1);
-            entry.tile
+            self.evict_if_beyond(distance, Some(entry.tile), robot)
         } else {
-            self.take()
+            match self.take() {
+                0 => self.evict_if_beyond(distance, self.farthest_from(robot), robot),
+                index => index,
+            }
         };
         let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return 0 };
         *tile = NdtTile { link: place.slot, ..NdtTile::EMPTY };
@@ -257,6 +264,38 @@ impl<'m> NdtGrid<'m> {
             *entry = DirectoryEntry { key: place.key, tile: index };
         }
         index
+    }
+
+    /// Frees `tile` if it is farther from the robot than `distance`, and returns it; else 0.
+    fn evict_if_beyond(&mut self, distance: f32, tile: Option<u16>, robot: Point2) -> u16 {
+        let Some(index) = tile.filter(|index| self.tile_distance(*index, robot) > distance) else { return 0 };
+        let slot = self.tiles.get(usize::from(index)).map_or(0, |tile| tile.link);
+        if let Some(entry) = self.directory.get_mut(slot as usize) {
+            *entry = DirectoryEntry::EMPTY;
+        }
+        self.evicted = self.evicted.wrapping_add(1);
+        index
+    }
+
+    /// Of all tiles in use; the first of several.
+    fn farthest_from(&self, robot: Point2) -> Option<u16> {
+        let distance = |index: &u16| self.tile_distance(*index, robot);
+        (1..self.taken).rev().max_by(|a, b| distance(a).total_cmp(&distance(b)))
+    }
+
+    fn tile_distance(&self, index: u16, robot: Point2) -> f32 {
+        let slot = self.tiles.get(usize::from(index)).map_or(0, |tile| tile.link);
+        let key = self.directory.get(slot as usize).map_or(0, |entry| entry.key);
+        self.distance_to(slot, key, robot)
+    }
+
+    /// From the robot to the centre of a place's tile, squared, in cells.
+    fn distance_to(&self, slot: u32, key: u32, robot: Point2) -> f32 {
+        let shift = layer_shift(slot >> (2 * self.side_shift));
+        let side = TILE_CELLS as f32;
+        let x = (f32::from(key as u16 as i16) + 0.5) * side - shift.x - robot.x * self.cells_per_metre;
+        let y = (f32::from((key >> 16) as u16 as i16) + 0.5) * side - shift.y - robot.y * self.cells_per_metre;
+        x * x + y * y
     }
 
     /// A tile from the free list or the untouched rest of the pool; 0 if there is none.

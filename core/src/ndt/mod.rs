@@ -3,7 +3,7 @@
 //! Biber & Straßer 2003; thesis §2.3.3, eq. (2.15) and (4.42). Points → running sums per cell (updated in place, never
 //! rebuilt) → one Gaussian per cell → score of a scan at a pose.
 //!
-//! Cells live in tiles of 8 × 8, tiles in a pool lent by the caller; a directory that wraps around like a torus finds a
+//! Cells live in tiles of 4 × 4, tiles in a pool lent by the caller; a directory that wraps around like a torus finds a
 //! tile from its place in the plane. So the plane has no edge and memory does not depend on how far the robot goes.
 //!
 //! # Invariants
@@ -11,7 +11,8 @@
 //!   what was added can be removed without a trace (as long as no cell has been halved).
 //! * A cell that reaches `count_max` points is halved, so that no sum overflows and old evidence fades.
 //! * Tile 0 of the pool stays empty: every place without a tile reads it.
-//! * A tile whose place in the directory is taken by one a whole directory's width away replaces it; [`NdtGrid::evicted`] counts that.
+//! * Memory goes to what is near: when the pool is full, or two places a whole directory's width apart want the same entry, the tile
+//!   farther from the robot is forgotten, or the farther point is left out. [`InsertReport`] counts both.
 
 mod cell;
 mod grid;

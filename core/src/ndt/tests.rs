@@ -166,9 +166,39 @@ fn full_pool_is_counted_and_survived() {
     let mut memory = Memory::new(3);
     let mut grid = memory.grid(&SINGLE);
     let far: Vec<_> = (0..10).map(|i| Point2::new(10.0 * i as f32, 0.0)).collect();
-    assert_eq!(grid.insert(&far, Pose2::IDENTITY).dropped, 8);
+    assert_eq!(grid.insert(&far, Pose2::IDENTITY), InsertReport { dropped: 8, evicted: 0 });
     assert_eq!(grid.tiles_used(), 2);
     assert!(grid.score(&far, Pose2::IDENTITY).is_finite());
+}
+
+#[test]
+fn full_pool_forgets_what_is_farthest_from_the_robot() {
+    let mut memory = Memory::new(6);
+    let mut grid = memory.grid(&SINGLE);
+    let wall: Vec<_> = (0..10).map(|i| Point2::new(1.0, 0.05 * i as f32)).collect();
+    let seen_from = |grid: &NdtGrid<'_>, x: f32| grid.score(&wall, Pose2::new(x, 0.0, 0.0)) > 1.0;
+    for i in 0..20 {
+        let x = 2.0 * i as f32;
+        assert_eq!(grid.insert(&wall, Pose2::new(x, 0.0, 0.0)).dropped, 0);
+        assert!(seen_from(&grid, x) && (i < 4 || seen_from(&grid, x - 8.0)), "what is near stays");
+    }
+    assert_eq!(grid.tiles_used(), 5);
+    assert!((0..15).all(|i| !seen_from(&grid, 2.0 * i as f32)));
+    assert_eq!(grid.insert(&wall, Pose2::new(0.0, 0.0, 0.0)).evicted, 1);
+    assert!(seen_from(&grid, 0.0) && !seen_from(&grid, 38.0), "seen from the start, the last is the farthest");
+}
+
+#[test]
+fn of_two_tiles_as_far_the_first_of_the_pool_is_forgotten() {
+    let mut memory = Memory::new(3);
+    let mut grid = memory.grid(&SINGLE);
+    let at = |x: f32| vec![Point2::new(x, 1.0), Point2::new(x + 0.02, 1.02), Point2::new(x - 0.02, 1.01)];
+    grid.insert(&at(9.25), Pose2::IDENTITY);
+    grid.insert(&at(-7.25), Pose2::IDENTITY);
+    // Tiles of 2 m: from 8 m to 10 m and from −8 m to −6 m; 1 m is halfway.
+    assert_eq!(grid.insert(&at(0.25), Pose2::new(1.0, 0.0, 0.0)), InsertReport { dropped: 0, evicted: 1 });
+    let seen = [9.25, -7.25, 1.25].map(|x| grid.score(&at(x), Pose2::IDENTITY) > 1.0);
+    assert_eq!(seen, [false, true, true]);
 }
 
 #[test]
@@ -177,11 +207,12 @@ fn the_plane_wraps_and_says_so() {
     let mut grid = memory.grid(&SINGLE);
     grid.insert(&corner(), Pose2::IDENTITY);
     let at_home = grid.score(&corner(), Pose2::IDENTITY);
-    // 32 tiles of 8 cells of 0.5 m: 128 m around. The same place in the directory must not be taken for the same place.
-    let around = Pose2::new(128.0, 0.0, 0.0);
+    // 32 tiles of 4 cells of 0.5 m: 64 m around. The same place in the directory must not be taken for the same place.
+    let around = Pose2::new(64.0, 0.0, 0.0);
     assert_eq!(grid.score(&corner(), around), 0.0);
-    grid.insert(&corner(), around);
-    assert!(grid.evicted() > 0);
+    let from_home = corner().into_iter().map(|p| around.transform(p)).collect::<Vec<_>>();
+    assert_eq!(grid.insert(&from_home, Pose2::IDENTITY), InsertReport { dropped: from_home.len() as u32, evicted: 0 });
+    assert!(grid.insert(&corner(), around).evicted > 0);
     assert!((grid.score(&corner(), around) - at_home).abs() < 0.05 * at_home);
     assert_eq!(grid.score(&corner(), Pose2::IDENTITY), 0.0);
 }

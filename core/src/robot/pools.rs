@@ -19,7 +19,7 @@ const TELEGRAM: usize = 2304;
 /// Members of the widest search, that of a robot that is lost.
 const POPULATION: usize = 300;
 /// Tiles of the matcher's reference that can be told apart, in one plane.
-const NDT_DIRECTORY: usize = 64;
+const NDT_DIRECTORY: usize = 256;
 
 /// Memory that a [`Robot`](super::Robot) works in, lent by the caller.
 #[derive(Debug)]
@@ -64,10 +64,10 @@ pub struct RobotPools<
 }
 
 /// 32 particles at 8 m within 512 KiB of RAM, stack and buffers included: a Cortex-M7 such as the STM32H743.
-pub type StandardPools = RobotPools<1792, 1024, 32, 64, 682, 44, 16384>;
+pub type StandardPools = RobotPools<1792, 1024, 32, 64, 682, 174, 16384>;
 
 /// 12 particles at 4 m within 192 KiB: a Cortex-M4F such as the STM32F405.
-pub type CompactPools = RobotPools<448, 256, 12, 24, 384, 14, 6144>;
+pub type CompactPools = RobotPools<448, 256, 12, 24, 384, 64, 6144>;
 
 impl<
     const TILES: usize,

@@ -39,7 +39,7 @@ fn has_made_up_times(report: &RunReport) -> bool {
 type Note = (bool, String);
 
 fn map_notes(report: &RunReport) -> Vec<Note> {
-    let MatchCounts { lost_scans, undetermined_scans, dropped_points, .. } = report.matching;
+    let MatchCounts { lost_scans, undetermined_scans, dropped_points, forgotten_tiles, .. } = report.matching;
     vec![
         (report.beams.hits == 0, "no beam hit anything: there is no map".to_owned()),
         (lost_scans > 0, format!("{lost_scans} scans agreed too little with the map to be believed")),
@@ -47,7 +47,12 @@ fn map_notes(report: &RunReport) -> Vec<Note> {
             undetermined_scans > 0,
             format!("{undetermined_scans} scans left an axis undetermined (featureless corridor?)"),
         ),
-        (dropped_points > 0, format!("memory.ndt_tiles is too small: {dropped_points} points found no room")),
+        (
+            dropped_points + forgotten_tiles > 0,
+            format!(
+                "memory.ndt_tiles is too small: {forgotten_tiles} tiles forgotten, {dropped_points} points found no room"
+            ),
+        ),
     ]
 }
 

@@ -128,8 +128,8 @@ impl Bench {
         Self {
             run: *run,
             config: *config,
-            directory: vec![DirectoryEntry::default(); 4 * 256 * 256],
-            tiles: vec![NdtTile::EMPTY; 4096],
+            directory: vec![DirectoryEntry::default(); 4 * 512 * 512],
+            tiles: vec![NdtTile::EMPTY; 16384],
             population: vec![Member::EMPTY; usize::from(run.de.population)],
             without_overlap: 0,
             undetermined: 0,

@@ -273,14 +273,14 @@ struct Bench {
 }
 
 /// Tiles told apart in each direction.
-const SIDE: usize = 64;
+const SIDE: usize = 128;
 
 impl Bench {
     fn new(cell_size_m: f32) -> Self {
         Self {
             cell_size_m,
             directory: vec![DirectoryEntry::default(); 4 * SIDE * SIDE],
-            tiles: vec![NdtTile::EMPTY; 4096],
+            tiles: vec![NdtTile::EMPTY; 16384],
             population: vec![Member::EMPTY; 1000],
         }
     }

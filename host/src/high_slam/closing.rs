@@ -87,7 +87,7 @@ impl Closure {
 }
 
 /// Tiles along the side of the directory of a place's NDT.
-const DIRECTORY_SIDE: usize = 64;
+const DIRECTORY_SIDE: usize = 128;
 
 /// Searches submaps in submaps; holds the memory for it.
 #[derive(Debug)]
@@ -107,7 +107,7 @@ impl Closer {
             config: *config,
             ndt: NdtConfig { overlapping: true, points_min: 3, ..*ndt },
             directory: vec![DirectoryEntry::default(); 4 * DIRECTORY_SIDE * DIRECTORY_SIDE],
-            tiles: vec![NdtTile::EMPTY; 2048],
+            tiles: vec![NdtTile::EMPTY; 8192],
             waiting: Vec::new(),
         }
     }

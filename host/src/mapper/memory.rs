@@ -15,8 +15,9 @@ use crate::config::RunConfig;
 lrfslam_core::config! {
     /// Memory, fixed from the start.
     pub struct MemoryConfig {
-        /// Tiles of 8 × 8 NDT cells (3 kB each), for all overlapping grids together.
-        ndt_tiles: u16 = 8192, in 16..=65535;
+        /// Tiles of 4 × 4 NDT cells (0.8 kB each), for all overlapping grids together. When they are used up those farthest from the
+        /// robot are forgotten.
+        ndt_tiles: u16 = 32768, in 16..=65535;
         /// Points of one scan.
         scan_points: u16 = 4096, in 64..=65535;
         /// Tiles of 16 × 16 squares (0.5 kB each), for all particles' maps together. When they are used up the least likely particles go.
@@ -25,6 +26,8 @@ lrfslam_core::config! {
 }
 
 /// Tiles along the side of the NDT's directory: 614 m of cells of 0.3 m before places are told apart no more.
+const NDT_DIRECTORY_SIDE: usize = 512;
+/// The same of the particles' maps; beyond that only time is lost.
 const DIRECTORY_SIDE: usize = 256;
 /// Squares along the side of a particle map's tile.
 pub(super) const SIDE: usize = 16;
@@ -69,7 +72,7 @@ impl MatcherPools {
             Reference::RecentScans => usize::from(config.odometry.recent_scans),
         };
         Self {
-            directory: vec![DirectoryEntry::default(); layers * DIRECTORY_SIDE * DIRECTORY_SIDE],
+            directory: vec![DirectoryEntry::default(); layers * NDT_DIRECTORY_SIDE * NDT_DIRECTORY_SIDE],
             tiles: vec![NdtTile::EMPTY; usize::from(config.memory.ndt_tiles)],
             population: vec![Member::EMPTY; usize::from(population)],
             points: vec![Point2::default(); points],
