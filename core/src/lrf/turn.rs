@@ -5,7 +5,7 @@
 
 use core::f32::consts::PI;
 
-use crate::scan::{Beam, Echo};
+use crate::scan::{Beam, Echo, RangeScan};
 use crate::time::{Duration, Instant};
 
 /// Samples of one packet at most.
@@ -87,6 +87,14 @@ impl<'a> TurnAssembler<'a> {
     /// Stamp and beams of the turn that [`add`](Self::add) completed.
     pub fn turn(&self) -> (Instant, &[Beam]) {
         (self.began, self.beams.get(..self.len).unwrap_or(&[]))
+    }
+
+    /// The same as a scan.
+    ///
+    /// * `latency` — subtracted from its stamp; `range_max_m` — ranges from here on are misses, m
+    pub fn scan(&self, latency: Duration, range_max_m: f32) -> RangeScan<'_> {
+        let (began, beams) = self.turn();
+        RangeScan { stamp: Instant::from_micros(began.micros - latency.micros), range_max_m, beams }
     }
 
     /// Turns that were not whole, so far.

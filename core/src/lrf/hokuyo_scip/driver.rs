@@ -12,10 +12,8 @@ use super::decoder::ScipDecoder;
 use super::parameters::SensorParameters;
 use super::reply::Reply;
 use crate::lrf::clock::{ClockOffset, PERIOD_24_BIT_MS, StampUnwrapper};
-use crate::lrf::driver::{
-    BackOff, BaudPolicy, BaudRates, Cause, Counters, Event, Identity, Input, LrfDriver, Outbox, Output, Patience,
-    Pending, Step, Trouble, wire_time,
-};
+use crate::lrf::driver::{BaudPolicy, Cause, Counters, Input, LrfDriver, Output, Step};
+use crate::lrf::session::{Patience, SessionBase, wire_time};
 use crate::scan::{Beam, RangeScan};
 use crate::time::{Duration, Instant};
 
@@ -129,20 +127,13 @@ pub struct HokuyoDriver<'a> {
 #[derive(Debug)]
 struct Session<'a> {
     config: HokuyoConfig,
+    base: SessionBase,
     state: State,
-    patience: Patience,
     attempts_left: u8,
     sent_at: Instant,
     frame_began: Instant,
-    outbox: Outbox,
-    back_off: BackOff,
-    counters: Counters,
     bad_in_a_row: u8,
 
-    rates: BaudRates,
-    rate_index: usize,
-    baud: u32,
-    last_good_baud: u32,
     /// The sensor is on USB, where the rate means nothing.
     is_usb: bool,
     raise_failures: u8,
@@ -150,7 +141,6 @@ struct Session<'a> {
     noise: LineNoise,
 
     parameters: Option<SensorParameters>,
-    identity: Identity,
     acquire: Acquire,
     stamps: StampUnwrapper,
     offset: ClockOffset,
@@ -187,25 +177,17 @@ impl<'a> HokuyoDriver<'a> {
     pub fn new(config: HokuyoConfig, frame: &'a mut [u8], beams: &'a mut [Beam]) -> Self {
         let session = Session {
             config,
+            base: SessionBase::default(),
             state: State::Idle,
-            patience: Patience::FOREVER,
             attempts_left: 0,
             sent_at: Instant::default(),
             frame_began: Instant::default(),
-            outbox: Outbox::default(),
-            back_off: BackOff::default(),
-            counters: Counters::default(),
             bad_in_a_row: 0,
-            rates: BaudRates::default(),
-            rate_index: 0,
-            baud: 0,
-            last_good_baud: 0,
             is_usb: false,
             raise_failures: 0,
             detours: 0,
             noise: LineNoise::default(),
             parameters: None,
-            identity: Identity::default(),
             acquire: Acquire { encoding: config.encoding, multi_echo: false, first: 0, last: 0, cluster: 1 },
             stamps: StampUnwrapper::new(PERIOD_24_BIT_MS),
             offset: ClockOffset::default(),
@@ -226,7 +208,7 @@ impl LrfDriver for HokuyoDriver<'_> {
     fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
         match input {
             Input::Bytes(bytes) => return self.take(now, bytes),
-            Input::Timeout if self.session.patience.is_over(now) => self.session.on_timeout(now),
+            Input::Timeout if self.session.base.patience.is_over(now) => self.session.on_timeout(now),
             Input::Timeout => {}
             Input::Connected => {
                 self.decoder.forget();
@@ -243,29 +225,16 @@ impl LrfDriver for HokuyoDriver<'_> {
 
     fn poll_output(&mut self) -> Output<'_> {
         let session = &mut self.session;
-        let Some(pending) = session.outbox.pop() else {
-            return Output::Timeout(session.patience.deadline);
-        };
-        Output::Event(match pending {
-            Pending::Transmit(bytes) => return Output::Transmit(session.outbox.lend(bytes)),
-            Pending::SetBaud(rate) => return Output::SetBaud(rate),
-            Pending::Found(baud) => Event::Found { baud },
-            Pending::Identified => Event::Identified(&session.identity),
-            Pending::Streaming(baud, period) => Event::Streaming { baud, period },
-            Pending::Trouble(trouble) => Event::Trouble(trouble),
-            Pending::Stopped(laser_off) => Event::Stopped { laser_off },
-            Pending::Scan => Event::Scan(RangeScan {
-                stamp: session.scan_stamp,
-                range_max_m: session.identity.range_max_m,
-                beams: session.beams.get(..session.scan_len).unwrap_or(&[]),
-            }),
+        let range_max_m = session.base.identity.range_max_m;
+        session.base.poll_output(|| RangeScan {
+            stamp: session.scan_stamp,
+            range_max_m,
+            beams: session.beams.get(..session.scan_len).unwrap_or(&[]),
         })
     }
 
     fn counters(&self) -> Counters {
-        let mut counters = self.session.counters;
-        counters.damaged = counters.damaged.saturating_add(self.decoder.oversize_frames());
-        counters
+        self.session.base.counters(self.decoder.oversize_frames())
     }
 }
 
@@ -273,7 +242,7 @@ impl HokuyoDriver<'_> {
     /// Takes bytes up to the first frame that leads to an output; none while outputs wait.
     fn take(&mut self, now: Instant, bytes: &[u8]) -> usize {
         let mut taken = 0;
-        while self.session.outbox.is_empty() {
+        while self.session.base.outbox.is_empty() {
             let rest = bytes.get(taken..).unwrap_or(b"");
             if rest.is_empty() {
                 break;
@@ -310,7 +279,7 @@ impl Session<'_> {
 
     fn on_timeout(&mut self, now: Instant) {
         match self.state {
-            State::Idle => self.patience = Patience::FOREVER,
+            State::Idle => self.base.patience = Patience::FOREVER,
             State::BackOff => self.find(now),
             State::Flush => self.ask(now, Ask::Quit),
             State::Settle => self.ask(now, Ask::VerifyRate),
@@ -326,7 +295,7 @@ impl Session<'_> {
     /// Sends the command of `ask`, and awaits its reply.
     fn ask(&mut self, now: Instant, ask: Ask) {
         self.attempts_left = match ask {
-            Ask::Quit => u8::from(self.rate_index == 0),
+            Ask::Quit => u8::from(self.base.rate_index == 0),
             _ => 2,
         };
         self.state = State::Asking(ask);
@@ -340,9 +309,9 @@ impl Session<'_> {
         let _ = line.push(b'\n');
         let _ = line.extend_from_slice(&command);
         let _ = line.push(b'\n');
-        self.outbox.transmit(&line);
+        self.base.outbox.transmit(&line);
         self.sent_at = now;
-        self.patience = Patience::new(now, self.reply_wait(), Duration::from_millis(3000));
+        self.base.patience = Patience::new(now, self.reply_wait(), Duration::from_millis(3000));
     }
 
     /// A sensor answers at its next turn (100 ms for the slowest), and the longest reply has 250 bytes.
@@ -352,7 +321,7 @@ impl Session<'_> {
 
     /// The rate that bytes travel at, bit/s; 0 if it means nothing.
     fn line_baud(&self) -> u32 {
-        if self.is_usb { 0 } else { self.baud }
+        if self.is_usb { 0 } else { self.base.baud }
     }
 
     fn command(&self, ask: Ask) -> Command {
@@ -373,12 +342,8 @@ impl Session<'_> {
 
     /// Reports trouble and begins anew after a while.
     fn restart(&mut self, now: Instant, step: Step, cause: Cause, sent: &'static str) {
-        let retry_in = self.back_off.advance();
-        let tried = if step == Step::Find { self.rates } else { BaudRates::default() };
-        self.outbox.push(Pending::Trouble(Trouble { step, cause, sent, tried, retry_in }));
-        self.counters.restarts = self.counters.restarts.saturating_add(1);
+        self.base.begin_anew(now, step, cause, sent);
         self.state = State::BackOff;
-        self.patience = Patience::new(now, retry_in, retry_in);
     }
 }
 

@@ -2,12 +2,10 @@
 
 use super::packet::{POINTS, Packet, PacketDecoder, STAMP_PERIOD_MS};
 use crate::lrf::clock::{ClockOffset, Stamp, StampUnwrapper};
-use crate::lrf::driver::{
-    BackOff, BaudRates, Cause, Counters, Event, Identity, Input, LrfDriver, Outbox, Output, Patience, Pending, Step,
-    Trouble, wire_time,
-};
+use crate::lrf::driver::{BaudRates, Cause, Counters, Identity, Input, LrfDriver, Output, Step};
+use crate::lrf::session::{Patience, Pending, SessionBase, wire_time};
 use crate::lrf::turn::{Sample, TurnAssembler, sample_time};
-use crate::scan::{Beam, Echo, RangeScan};
+use crate::scan::{Beam, Echo};
 use crate::time::{Duration, Instant};
 
 /// The beam memory to lend: a turn at the slowest speed, 5 Hz.
@@ -27,14 +25,10 @@ const MAX_STEP_MS: i64 = 6;
 #[derive(Debug)]
 pub struct LdrobotDriver<'a> {
     decoder: PacketDecoder,
+    base: SessionBase,
     turns: TurnAssembler<'a>,
     connected: bool,
     streaming: bool,
-    patience: Patience,
-    outbox: Outbox,
-    back_off: BackOff,
-    counters: Counters,
-    identity: Identity,
     latency: Duration,
     stamps: StampUnwrapper,
     offset: ClockOffset,
@@ -50,14 +44,10 @@ impl<'a> LdrobotDriver<'a> {
     pub fn new(latency: Duration, beams: &'a mut [Beam]) -> Self {
         Self {
             decoder: PacketDecoder::default(),
+            base: SessionBase { rates: BaudRates::new([BAUD]), ..SessionBase::default() },
             turns: TurnAssembler::new(beams),
             connected: false,
             streaming: false,
-            patience: Patience::FOREVER,
-            outbox: Outbox::default(),
-            back_off: BackOff::default(),
-            counters: Counters::default(),
-            identity: Identity::default(),
             latency,
             stamps: StampUnwrapper::new(STAMP_PERIOD_MS),
             offset: ClockOffset::default(),
@@ -73,13 +63,13 @@ impl<'a> LdrobotDriver<'a> {
         self.stamps = StampUnwrapper::new(STAMP_PERIOD_MS);
         self.offset = ClockOffset::default();
         self.streaming = false;
-        self.outbox.push(Pending::SetBaud(BAUD));
-        self.patience = Patience::new(now, SILENCE, SILENCE);
+        self.base.set_rate();
+        self.base.patience = Patience::new(now, SILENCE, SILENCE);
     }
 
     fn take(&mut self, now: Instant, bytes: &[u8]) -> usize {
         let mut taken = 0;
-        while self.outbox.is_empty() && self.connected {
+        while self.base.outbox.is_empty() && self.connected {
             let rest = bytes.get(taken..).unwrap_or(b"");
             if rest.is_empty() {
                 return taken;
@@ -112,7 +102,7 @@ impl<'a> LdrobotDriver<'a> {
             self.turns.spoil();
         }
         self.last_ms = stamp_ms;
-        self.patience = Patience::new(now, SILENCE, SILENCE);
+        self.base.patience = Patience::new(now, SILENCE, SILENCE);
         let first_byte = Instant::from_micros(now.micros - wire_time(super::packet::PACKET, BAUD).micros);
         let end = self.offset.stamp(self.packet_began.min(first_byte), stamp_ms, Duration::ZERO);
         let each = each_sample(packet);
@@ -122,16 +112,14 @@ impl<'a> LdrobotDriver<'a> {
             echo: echo(point.distance_mm),
         });
         if self.turns.add(samples) {
-            self.outbox.push(Pending::Scan);
-            self.counters.scans = self.counters.scans.saturating_add(1);
-            self.back_off.reset();
+            self.base.announce_scan();
         }
     }
 
     fn begin_streaming(&mut self, packet: &Packet) {
         self.streaming = true;
         let period = Duration::from_micros(360_000_000 / i64::from(packet.speed_degps.max(1)));
-        self.identity = Identity {
+        self.base.identity = Identity {
             model: heapless::String::try_from("LD06 or LD19").unwrap_or_default(),
             angle_min_rad: -core::f32::consts::PI,
             angle_max_rad: core::f32::consts::PI,
@@ -139,17 +127,14 @@ impl<'a> LdrobotDriver<'a> {
             range_max_m: RANGE_MAX_M,
             ..Identity::default()
         };
-        self.outbox.push(Pending::Found(BAUD));
-        self.outbox.push(Pending::Identified);
-        self.outbox.push(Pending::Streaming(BAUD, period));
+        self.base.found();
+        self.base.outbox.push(Pending::Identified);
+        self.base.outbox.push(Pending::Streaming(BAUD, period));
     }
 
     fn restart(&mut self, now: Instant, cause: Cause) {
         let step = if self.streaming { Step::Stream } else { Step::Find };
-        let tried = if step == Step::Find { BaudRates::new([BAUD]) } else { BaudRates::default() };
-        let retry_in = self.back_off.advance();
-        self.outbox.push(Pending::Trouble(Trouble { step, cause, sent: "", tried, retry_in }));
-        self.counters.restarts = self.counters.restarts.saturating_add(1);
+        self.base.begin_anew(now, step, cause, "");
         self.listen(now);
     }
 }
@@ -173,63 +158,43 @@ impl LrfDriver for LdrobotDriver<'_> {
     fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
         match input {
             Input::Bytes(bytes) => return self.take(now, bytes),
-            Input::Timeout if self.connected && self.patience.is_over(now) => {
+            Input::Timeout if self.connected && self.base.patience.is_over(now) => {
                 let cause = if self.streaming { Cause::Silent } else { Cause::NoReply };
                 self.restart(now, cause);
             }
             Input::Timeout => {}
             Input::Connected => {
                 self.connected = true;
-                self.back_off.reset();
+                self.base.back_off.reset();
                 self.listen(now);
             }
             Input::Disconnected if self.connected => {
                 self.connected = false;
-                self.patience = Patience::FOREVER;
-                let (tried, retry_in) = (BaudRates::default(), Duration::ZERO);
-                let cause = Cause::Unplugged;
-                self.outbox.push(Pending::Trouble(Trouble { step: Step::Port, cause, sent: "", tried, retry_in }));
+                self.base.unplugged();
             }
             Input::Disconnected => {}
             Input::Stop => {
                 // It cannot be told to stop.
                 self.connected = false;
-                self.patience = Patience::FOREVER;
-                self.outbox.push(Pending::Stopped(false));
+                self.base.stopped(false);
             }
         }
         0
     }
 
     fn poll_output(&mut self) -> Output<'_> {
-        let Some(pending) = self.outbox.pop() else {
-            return Output::Timeout(self.patience.deadline);
-        };
-        Output::Event(match pending {
-            Pending::Transmit(bytes) => return Output::Transmit(self.outbox.lend(bytes)),
-            Pending::SetBaud(rate) => return Output::SetBaud(rate),
-            Pending::Found(baud) => Event::Found { baud },
-            Pending::Identified => Event::Identified(&self.identity),
-            Pending::Streaming(baud, period) => Event::Streaming { baud, period },
-            Pending::Trouble(trouble) => Event::Trouble(trouble),
-            Pending::Stopped(laser_off) => Event::Stopped { laser_off },
-            Pending::Scan => {
-                let (began, beams) = self.turns.turn();
-                let stamp = Instant::from_micros(began.micros - self.latency.micros);
-                Event::Scan(RangeScan { stamp, range_max_m: RANGE_MAX_M, beams })
-            }
-        })
+        self.base.poll_output(|| self.turns.scan(self.latency, RANGE_MAX_M))
     }
 
     fn counters(&self) -> Counters {
-        Counters { damaged: self.decoder.damaged(), ..self.counters }
+        self.base.counters(self.decoder.damaged())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lrf::driver::{drain, run_bytes};
+    use crate::lrf::driver::{Event, drain, run_bytes};
     use crate::lrf::ldrobot::Point;
 
     const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };

@@ -3,12 +3,10 @@
 use super::decoder::{DecoderEvent, RplidarDecoder};
 use super::request::Request;
 use super::response::{Capsule, Health, Measured, ResponseKind, parse_sample};
-use crate::lrf::driver::{
-    BackOff, BaudRates, Cause, Counters, Event, Identity, Input, LrfDriver, Outbox, Output, Patience, Pending, Step,
-    Trouble,
-};
+use crate::lrf::driver::{BaudRates, Cause, Counters, Input, LrfDriver, Output, Step};
+use crate::lrf::session::{Patience, Pending, SessionBase};
 use crate::lrf::turn::{Sample, TurnAssembler, sample_time};
-use crate::scan::{Beam, Echo, RangeScan};
+use crate::scan::{Beam, Echo};
 use crate::time::{Duration, Instant};
 use identity::describe;
 
@@ -67,17 +65,9 @@ pub struct RplidarDriver<'a> {
 #[derive(Debug)]
 struct Session<'a> {
     config: RplidarConfig,
+    base: SessionBase,
     state: State,
-    patience: Patience,
     attempts_left: u8,
-    outbox: Outbox,
-    back_off: BackOff,
-    counters: Counters,
-    identity: Identity,
-    rates: BaudRates,
-    rate_index: usize,
-    baud: u32,
-    last_good_baud: u32,
     /// A request was put out: the decoder is to look for its descriptor.
     awaits_descriptor: bool,
     bad_in_a_row: u8,
@@ -93,17 +83,9 @@ impl<'a> RplidarDriver<'a> {
     pub fn new(config: RplidarConfig, beams: &'a mut [Beam]) -> Self {
         let session = Session {
             config,
+            base: SessionBase::default(),
             state: State::Idle,
-            patience: Patience::FOREVER,
             attempts_left: 0,
-            outbox: Outbox::default(),
-            back_off: BackOff::default(),
-            counters: Counters::default(),
-            identity: Identity::default(),
-            rates: BaudRates::default(),
-            rate_index: 0,
-            baud: 0,
-            last_good_baud: 0,
             awaits_descriptor: false,
             bad_in_a_row: 0,
             damaged_before: 0,
@@ -116,7 +98,7 @@ impl<'a> RplidarDriver<'a> {
 
     fn take(&mut self, now: Instant, bytes: &[u8]) -> usize {
         let mut taken = 0;
-        while self.session.outbox.is_empty() {
+        while self.session.base.outbox.is_empty() {
             let rest = bytes.get(taken..).unwrap_or(b"");
             let (count, event) = self.decoder.feed(rest);
             taken += count;
@@ -146,29 +128,26 @@ impl<'a> RplidarDriver<'a> {
 
 impl Session<'_> {
     fn find(&mut self, now: Instant) {
-        let known = [self.last_good_baud, self.config.baud].into_iter();
+        let known = [self.base.last_good_baud, self.config.baud].into_iter();
         let others = RATES.into_iter().filter(|_| self.config.baud == 0);
-        self.rates = BaudRates::new(known.chain(others));
-        self.rate_index = 0;
+        self.base.rates = BaudRates::new(known.chain(others));
+        self.base.rate_index = 0;
         self.look(now);
     }
 
     /// Stops whatever runs at this rate, then listens until it is quiet.
     fn look(&mut self, now: Instant) {
-        if let Some(rate) = self.rates.get(self.rate_index) {
-            self.baud = rate;
-            self.outbox.push(Pending::SetBaud(rate));
-        }
+        self.base.set_rate();
         self.turns.forget();
         self.previous = None;
-        self.outbox.transmit(&Request::Stop.emit());
+        self.base.outbox.transmit(&Request::Stop.emit());
         self.enter(State::Quiet, now, QUIET);
         self.awaits_descriptor = true;
     }
 
     fn enter(&mut self, state: State, now: Instant, wait: Duration) {
         self.state = state;
-        self.patience = Patience::new(now, wait, wait);
+        self.base.patience = Patience::new(now, wait, wait);
     }
 
     fn ask(&mut self, now: Instant, state: State) {
@@ -185,14 +164,14 @@ impl Session<'_> {
             State::AskScan => Request::Scan,
             _ => Request::Stop,
         };
-        self.outbox.transmit(&request.emit());
+        self.base.outbox.transmit(&request.emit());
         self.awaits_descriptor = true;
-        self.patience = Patience::new(now, REPLY, REPLY);
+        self.base.patience = Patience::new(now, REPLY, REPLY);
     }
 
     fn on_timeout(&mut self, now: Instant) {
         match self.state {
-            State::Idle => self.patience = Patience::FOREVER,
+            State::Idle => self.base.patience = Patience::FOREVER,
             State::BackOff => self.find(now),
             State::Quiet => self.ask(now, State::AskInfo),
             State::Streaming => self.restart(now, Step::Stream, Cause::Silent, ""),
@@ -202,8 +181,8 @@ impl Session<'_> {
                 self.send(now);
             }
             State::AskInfo => {
-                self.rate_index += 1;
-                match self.rates.get(self.rate_index) {
+                self.base.rate_index += 1;
+                match self.base.rates.get(self.base.rate_index) {
                     Some(_) => self.look(now),
                     None => self.restart(now, Step::Find, Cause::NoReply, "request 50 (information)"),
                 }
@@ -221,7 +200,7 @@ impl Session<'_> {
             | (State::AskExpress | State::AskScan, ResponseKind::Sample) => {
                 self.bad_in_a_row = 0;
                 self.enter(State::Streaming, now, SPIN_UP);
-                self.outbox.push(Pending::Streaming(self.baud, self.identity.turn));
+                self.base.outbox.push(Pending::Streaming(self.base.baud, self.base.identity.turn));
             }
             _ => {}
         }
@@ -230,15 +209,14 @@ impl Session<'_> {
     fn on_response(&mut self, now: Instant, kind: ResponseKind, bytes: &[u8]) {
         match (self.state, kind) {
             (State::AskInfo, ResponseKind::Info) => {
-                self.last_good_baud = self.baud;
-                self.outbox.push(Pending::Found(self.baud));
-                self.identity = describe(bytes);
+                self.base.found();
+                self.base.identity = describe(bytes);
                 self.ask(now, State::AskHealth);
             }
             (State::AskHealth, ResponseKind::Health) => self.on_health(now, bytes),
             (State::Streaming, ResponseKind::Sample) => {
                 if let Some((measured, _)) = parse_sample(bytes) {
-                    self.patience = Patience::new(now, SILENCE, SILENCE);
+                    self.base.patience = Patience::new(now, SILENCE, SILENCE);
                     self.publish(core::iter::once(sample(measured, now)));
                 }
             }
@@ -250,14 +228,14 @@ impl Session<'_> {
         let health = Health::parse(bytes).unwrap_or(Health { status: 2, code: 0 });
         if health.status >= 2 {
             // Only a reset leaves this state.
-            self.outbox.transmit(&Request::Reset.emit());
+            self.base.outbox.transmit(&Request::Reset.emit());
             let [code, _] = health.code.to_le_bytes();
             return self.restart(now, Step::Identify, Cause::HardwareFault([code.max(1), 0]), "request 52 (health)");
         }
         let state = if health.status == 0 { "well" } else { "warning" };
-        self.identity.state = heapless::String::try_from(state).unwrap_or_default();
-        self.outbox.push(Pending::Identified);
-        self.outbox.transmit(&Request::MotorPower(MOTOR_POWER).emit());
+        self.base.identity.state = heapless::String::try_from(state).unwrap_or_default();
+        self.base.outbox.push(Pending::Identified);
+        self.base.outbox.transmit(&Request::MotorPower(MOTOR_POWER).emit());
         self.ask(now, State::AskExpress);
     }
 
@@ -267,7 +245,7 @@ impl Session<'_> {
             return;
         }
         self.bad_in_a_row = 0;
-        self.patience = Patience::new(now, SILENCE, SILENCE);
+        self.base.patience = Patience::new(now, SILENCE, SILENCE);
         if capsule.starts() {
             self.turns.forget();
             self.previous = None;
@@ -287,9 +265,7 @@ impl Session<'_> {
 
     fn publish(&mut self, samples: impl Iterator<Item = Sample>) {
         if self.turns.add(samples) {
-            self.outbox.push(Pending::Scan);
-            self.counters.scans = self.counters.scans.saturating_add(1);
-            self.back_off.reset();
+            self.base.announce_scan();
         }
     }
 
@@ -313,36 +289,27 @@ impl Session<'_> {
             return self.stopped(false);
         }
         // Neither is answered; the stop is said twice, for it may be damaged on its way.
-        self.outbox.transmit(&Request::Stop.emit());
-        self.outbox.transmit(&Request::MotorPower(0).emit());
-        self.outbox.transmit(&Request::Stop.emit());
+        self.base.outbox.transmit(&Request::Stop.emit());
+        self.base.outbox.transmit(&Request::MotorPower(0).emit());
+        self.base.outbox.transmit(&Request::Stop.emit());
         self.enter(State::Stopping, now, QUIET);
     }
 
     fn stopped(&mut self, laser_off: bool) {
-        self.outbox.push(Pending::Stopped(laser_off));
+        self.base.stopped(laser_off);
         self.state = State::Idle;
-        self.patience = Patience::FOREVER;
     }
 
     fn on_disconnected(&mut self) {
         if self.state != State::Idle {
-            self.trouble(Step::Port, Cause::Unplugged, "", Duration::ZERO);
+            self.base.unplugged();
             self.state = State::Idle;
-            self.patience = Patience::FOREVER;
         }
     }
 
     fn restart(&mut self, now: Instant, step: Step, cause: Cause, sent: &'static str) {
-        let retry_in = self.back_off.advance();
-        self.trouble(step, cause, sent, retry_in);
-        self.counters.restarts = self.counters.restarts.saturating_add(1);
-        self.enter(State::BackOff, now, retry_in);
-    }
-
-    fn trouble(&mut self, step: Step, cause: Cause, sent: &'static str, retry_in: Duration) {
-        let tried = if step == Step::Find { self.rates } else { BaudRates::default() };
-        self.outbox.push(Pending::Trouble(Trouble { step, cause, sent, tried, retry_in }));
+        self.base.begin_anew(now, step, cause, sent);
+        self.state = State::BackOff;
     }
 }
 
@@ -356,10 +323,10 @@ impl LrfDriver for RplidarDriver<'_> {
     fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
         match input {
             Input::Bytes(bytes) => return self.take(now, bytes),
-            Input::Timeout if self.session.patience.is_over(now) => self.session.on_timeout(now),
+            Input::Timeout if self.session.base.patience.is_over(now) => self.session.on_timeout(now),
             Input::Timeout => {}
             Input::Connected => {
-                self.session.back_off.reset();
+                self.session.base.back_off.reset();
                 self.session.find(now);
             }
             Input::Disconnected => self.session.on_disconnected(),
@@ -371,27 +338,11 @@ impl LrfDriver for RplidarDriver<'_> {
 
     fn poll_output(&mut self) -> Output<'_> {
         let session = &mut self.session;
-        let Some(pending) = session.outbox.pop() else {
-            return Output::Timeout(session.patience.deadline);
-        };
-        Output::Event(match pending {
-            Pending::Transmit(bytes) => return Output::Transmit(session.outbox.lend(bytes)),
-            Pending::SetBaud(rate) => return Output::SetBaud(rate),
-            Pending::Found(baud) => Event::Found { baud },
-            Pending::Identified => Event::Identified(&session.identity),
-            Pending::Streaming(baud, period) => Event::Streaming { baud, period },
-            Pending::Trouble(trouble) => Event::Trouble(trouble),
-            Pending::Stopped(laser_off) => Event::Stopped { laser_off },
-            Pending::Scan => {
-                let (began, beams) = session.turns.turn();
-                let stamp = Instant::from_micros(began.micros - session.config.latency.micros);
-                Event::Scan(RangeScan { stamp, range_max_m: RANGE_MAX_M, beams })
-            }
-        })
+        session.base.poll_output(|| session.turns.scan(session.config.latency, RANGE_MAX_M))
     }
 
     fn counters(&self) -> Counters {
-        Counters { damaged: self.decoder.damaged(), ..self.session.counters }
+        self.session.base.counters(self.decoder.damaged())
     }
 }
 

@@ -16,10 +16,8 @@ use super::reply::Reply;
 use super::request::{OperatingMode, PASSWORD, Request, Variant};
 use super::scan::ScanLayout;
 use super::telegram::Direction;
-use crate::lrf::driver::{
-    BackOff, BaudPolicy, BaudRates, Cause, Counters, Event, Identity, Input, LrfDriver, Outbox, Output, Patience,
-    Pending, Step, Trouble,
-};
+use crate::lrf::driver::{BaudPolicy, Cause, Counters, Input, LrfDriver, Output, Step};
+use crate::lrf::session::{Patience, SessionBase};
 use crate::scan::{Beam, RangeScan};
 use crate::time::{Duration, Instant};
 
@@ -142,27 +140,19 @@ pub struct SickDriver<'a> {
 #[derive(Debug)]
 struct Session<'a> {
     config: SickConfig,
+    base: SessionBase,
     state: State,
-    patience: Patience,
     attempts_left: u8,
     telegram_began: Instant,
     /// Bytes since the last request.
     noise: u32,
     /// A scan came since the last request.
     heard_scan: bool,
-    outbox: Outbox,
-    back_off: BackOff,
-    counters: Counters,
     damaged_before: u32,
     bad_in_a_row: u8,
 
-    rates: BaudRates,
-    rate_index: usize,
-    baud: u32,
-    last_good_baud: u32,
     raise_failures: u8,
 
-    identity: Identity,
     variant: Variant,
     /// The sensor said its variant; else scans show it.
     variant_known: bool,
@@ -186,23 +176,15 @@ impl<'a> SickDriver<'a> {
     pub fn new(config: SickConfig, telegram: &'a mut [u8], beams: &'a mut [Beam]) -> Self {
         let session = Session {
             config,
+            base: SessionBase::default(),
             state: State::Idle,
-            patience: Patience::FOREVER,
             attempts_left: 0,
             telegram_began: Instant::default(),
             noise: 0,
             heard_scan: false,
-            outbox: Outbox::default(),
-            back_off: BackOff::default(),
-            counters: Counters::default(),
             damaged_before: 0,
             bad_in_a_row: 0,
-            rates: BaudRates::default(),
-            rate_index: 0,
-            baud: 0,
-            last_good_baud: 0,
             raise_failures: 0,
-            identity: Identity::default(),
             variant: Variant::DEG_180_BY_1,
             variant_known: false,
             measuring_mode: 0,
@@ -223,7 +205,7 @@ impl LrfDriver for SickDriver<'_> {
     fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
         match input {
             Input::Bytes(bytes) => return self.take(now, bytes),
-            Input::Timeout if self.session.patience.is_over(now) => self.on_timeout(now),
+            Input::Timeout if self.session.base.patience.is_over(now) => self.on_timeout(now),
             Input::Timeout => {}
             Input::Connected => {
                 self.decoder.forget();
@@ -240,29 +222,15 @@ impl LrfDriver for SickDriver<'_> {
 
     fn poll_output(&mut self) -> Output<'_> {
         let session = &mut self.session;
-        let Some(pending) = session.outbox.pop() else {
-            return Output::Timeout(session.patience.deadline);
-        };
-        Output::Event(match pending {
-            Pending::Transmit(bytes) => return Output::Transmit(session.outbox.lend(bytes)),
-            Pending::SetBaud(rate) => return Output::SetBaud(rate),
-            Pending::Found(baud) => Event::Found { baud },
-            Pending::Identified => Event::Identified(&session.identity),
-            Pending::Streaming(baud, period) => Event::Streaming { baud, period },
-            Pending::Trouble(trouble) => Event::Trouble(trouble),
-            Pending::Stopped(laser_off) => Event::Stopped { laser_off },
-            Pending::Scan => Event::Scan(RangeScan {
-                stamp: session.scan_stamp,
-                range_max_m: session.range_max_m,
-                beams: session.beams.get(..session.scan_len).unwrap_or(&[]),
-            }),
+        session.base.poll_output(|| RangeScan {
+            stamp: session.scan_stamp,
+            range_max_m: session.range_max_m,
+            beams: session.beams.get(..session.scan_len).unwrap_or(&[]),
         })
     }
 
     fn counters(&self) -> Counters {
-        let mut counters = self.session.counters;
-        counters.damaged = counters.damaged.saturating_add(self.decoder.damaged());
-        counters
+        self.session.base.counters(self.decoder.damaged())
     }
 }
 
@@ -270,7 +238,7 @@ impl SickDriver<'_> {
     /// Takes bytes up to the first telegram that leads to an output; none while outputs wait.
     fn take(&mut self, now: Instant, bytes: &[u8]) -> usize {
         let mut taken = 0;
-        while self.session.outbox.is_empty() {
+        while self.session.base.outbox.is_empty() {
             let rest = bytes.get(taken..).unwrap_or(b"");
             if !self.decoder.is_inside_telegram() {
                 self.session.telegram_began = now;
@@ -297,7 +265,7 @@ impl SickDriver<'_> {
         if self.decoder.is_inside_telegram() {
             self.decoder.abandon();
             let _ = self.take(now, b"");
-            if !self.session.patience.is_over(now) {
+            if !self.session.base.patience.is_over(now) {
                 return;
             }
         }
@@ -319,7 +287,7 @@ impl Session<'_> {
 
     fn on_timeout(&mut self, now: Instant) {
         match self.state {
-            State::Idle => self.patience = Patience::FOREVER,
+            State::Idle => self.base.patience = Patience::FOREVER,
             State::BackOff => self.find(now),
             State::Settle => self.ask(now, Ask::VerifyRate),
             // A wrong rate makes much noise and no telegram: not worth a second attempt.
@@ -346,14 +314,14 @@ impl Session<'_> {
 
     fn send(&mut self, now: Instant, ask: Ask) {
         let telegram = self.request(ask).emit();
-        self.outbox.transmit(&telegram);
+        self.base.outbox.transmit(&telegram);
         (self.noise, self.heard_scan) = (0, false);
         let (wait, at_most) = ask.waits();
         let at_most = match ask {
             Ask::Quiet => Duration::from_micros(wait.micros + 2 * self.longest_telegram().micros),
             _ => at_most,
         };
-        self.patience = Patience::new(now, wait, at_most);
+        self.base.patience = Patience::new(now, wait, at_most);
     }
 
     fn request(&self, ask: Ask) -> Request {
@@ -378,18 +346,8 @@ impl Session<'_> {
 
     /// Reports trouble and begins anew after a while.
     fn restart(&mut self, now: Instant, step: Step, cause: Cause, sent: &'static str) {
-        let retry_in = self.back_off.advance();
-        let tried = if step == Step::Find { self.rates } else { BaudRates::default() };
-        self.outbox.push(Pending::Trouble(Trouble { step, cause, sent, tried, retry_in }));
-        self.counters.restarts = self.counters.restarts.saturating_add(1);
+        self.base.begin_anew(now, step, cause, sent);
         self.state = State::BackOff;
-        self.patience = Patience::new(now, retry_in, retry_in);
-    }
-
-    /// Reports trouble with which the session can go on.
-    fn warn(&mut self, step: Step, cause: Cause, sent: &'static str) {
-        let (tried, retry_in) = (BaudRates::default(), Duration::ZERO);
-        self.outbox.push(Pending::Trouble(Trouble { step, cause, sent, tried, retry_in }));
     }
 }
 

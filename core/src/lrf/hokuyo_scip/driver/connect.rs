@@ -2,10 +2,11 @@
 
 use super::{Ask, Session, State};
 use crate::lrf::clock::{ClockOffset, MAX_EXCHANGES, PERIOD_24_BIT_MS, Stamp, StampUnwrapper};
-use crate::lrf::driver::{BaudPolicy, BaudRates, Cause, Identity, Patience, Pending, Step, Trouble};
+use crate::lrf::driver::{BaudPolicy, BaudRates, Cause, Identity, Step};
 use crate::lrf::hokuyo_scip::command::Acquire;
 use crate::lrf::hokuyo_scip::parameters::{SensorParameters, cut};
 use crate::lrf::hokuyo_scip::reply::{Reply, Status};
+use crate::lrf::session::{Patience, Pending};
 use crate::time::{Duration, Instant};
 
 /// Rates of the `SS` command, the power-up rate first.
@@ -22,33 +23,24 @@ const MAX_DETOURS: u8 = 3;
 impl Session<'_> {
     pub(super) fn on_connected(&mut self, now: Instant) {
         self.raise_failures = 0;
-        self.back_off.reset();
+        self.base.back_off.reset();
         self.find(now);
     }
 
     pub(super) fn on_disconnected(&mut self) {
-        if self.state == State::Idle {
-            return;
+        if self.state != State::Idle {
+            self.base.unplugged();
+            self.state = State::Idle;
         }
-        let trouble = Trouble {
-            step: Step::Port,
-            cause: Cause::Unplugged,
-            sent: "",
-            tried: BaudRates::default(),
-            retry_in: Duration::ZERO,
-        };
-        self.outbox.push(Pending::Trouble(trouble));
-        self.state = State::Idle;
-        self.patience = Patience::FOREVER;
     }
 
     /// Begins to look, at the rate most likely.
     pub(super) fn find(&mut self, now: Instant) {
-        self.rates = match self.config.baud {
+        self.base.rates = match self.config.baud {
             BaudPolicy::NoRate => BaudRates::default(),
-            policy => BaudRates::new([self.last_good_baud, policy.wanted()].into_iter().chain(RATES)),
+            policy => BaudRates::new([self.base.last_good_baud, policy.wanted()].into_iter().chain(RATES)),
         };
-        self.rate_index = 0;
+        self.base.rate_index = 0;
         self.is_usb = false;
         self.stamps = StampUnwrapper::new(PERIOD_24_BIT_MS);
         self.offset = ClockOffset::default();
@@ -57,20 +49,17 @@ impl Session<'_> {
 
     /// Ends half a command, and listens until it is quiet.
     fn flush(&mut self, now: Instant) {
-        if let Some(rate) = self.rates.get(self.rate_index) {
-            self.baud = rate;
-            self.outbox.push(Pending::SetBaud(rate));
-        }
-        self.outbox.transmit(b"\n");
+        self.base.set_rate();
+        self.base.outbox.transmit(b"\n");
         self.noise = Default::default();
         self.detours = 0;
         self.state = State::Flush;
-        self.patience = Patience::new(now, QUIET, QUIET_AT_MOST);
+        self.base.patience = Patience::new(now, QUIET, QUIET_AT_MOST);
     }
 
     fn try_next_rate(&mut self, now: Instant) {
-        self.rate_index += 1;
-        if self.rates.get(self.rate_index).is_some() {
+        self.base.rate_index += 1;
+        if self.base.rates.get(self.base.rate_index).is_some() {
             self.flush(now);
         } else {
             self.restart(now, Step::Find, Cause::NoReply, Ask::Quit.text());
@@ -79,15 +68,15 @@ impl Session<'_> {
 
     pub(super) fn on_bytes(&mut self, now: Instant, bytes: &[u8]) {
         match self.state {
-            State::Flush => self.patience.put_off(now, QUIET),
+            State::Flush => self.base.patience.put_off(now, QUIET),
             State::Asking(Ask::Quit) => {
                 self.noise.add(bytes);
                 if self.noise.is_wrong_rate() {
                     return self.try_next_rate(now);
                 }
-                self.patience.put_off(now, Duration::from_millis(250));
+                self.base.patience.put_off(now, Duration::from_millis(250));
             }
-            State::Asking(_) => self.patience.put_off(now, Duration::from_millis(250)),
+            State::Asking(_) => self.base.patience.put_off(now, Duration::from_millis(250)),
             _ => {}
         }
     }
@@ -134,8 +123,7 @@ impl Session<'_> {
     /// `00` is SCIP 2; one character is SCIP 1.1; `0E` is time mode, in which a URG-04LX knows no `QT`.
     fn on_quit(&mut self, now: Instant, status: Status) {
         if status == Status::OK {
-            self.last_good_baud = self.baud;
-            self.outbox.push(Pending::Found(self.baud));
+            self.base.found();
             return self.ask(now, Ask::Version);
         }
         self.detours += 1;
@@ -146,12 +134,12 @@ impl Session<'_> {
     }
 
     fn on_version(&mut self, now: Instant, reply: &Reply<'_>) {
-        self.identity = Identity::default();
+        self.base.identity = Identity::default();
         for line in reply.info() {
             match line.key {
-                "PROD" => self.identity.model = cut(line.value),
-                "FIRM" => self.identity.firmware = cut(line.value),
-                "SERI" => self.identity.serial = cut(line.value),
+                "PROD" => self.base.identity.model = cut(line.value),
+                "FIRM" => self.base.identity.firmware = cut(line.value),
+                "SERI" => self.base.identity.serial = cut(line.value),
                 _ => {}
             }
         }
@@ -170,12 +158,12 @@ impl Session<'_> {
         let full = parameters.full_view();
         let (first, last) = self.config.steps.unwrap_or((full.first, full.last));
         self.acquire = Acquire { encoding: self.config.encoding, first, last, cluster: self.config.cluster, ..full };
-        self.identity.model = parameters.model.clone();
-        self.identity.angle_min_rad = parameters.bearing_rad(f32::from(first));
-        self.identity.angle_max_rad = parameters.bearing_rad(f32::from(last));
-        self.identity.beams = self.acquire.value_counts().0;
-        self.identity.turn = parameters.turn();
-        self.identity.range_max_m = parameters.distance_max_mm as f32 / 1000.0;
+        self.base.identity.model = parameters.model.clone();
+        self.base.identity.angle_min_rad = parameters.bearing_rad(f32::from(first));
+        self.base.identity.angle_max_rad = parameters.bearing_rad(f32::from(last));
+        self.base.identity.beams = self.acquire.value_counts().0;
+        self.base.identity.turn = parameters.turn();
+        self.base.identity.range_max_m = parameters.distance_max_mm as f32 / 1000.0;
         self.parameters = Some(parameters);
         self.ask(now, Ask::Information);
     }
@@ -183,13 +171,13 @@ impl Session<'_> {
     fn on_information(&mut self, now: Instant, reply: &Reply<'_>) {
         for line in reply.info() {
             match line.key {
-                "STAT" => self.identity.state = cut(line.value),
+                "STAT" => self.base.identity.state = cut(line.value),
                 "SBPS" => self.is_usb = line.value.contains("USB"),
                 _ => {}
             }
         }
-        self.outbox.push(Pending::Identified);
-        let change = !self.is_usb && self.config.baud.wants_change(self.baud) && self.raise_failures < 2;
+        self.base.outbox.push(Pending::Identified);
+        let change = !self.is_usb && self.config.baud.wants_change(self.base.baud) && self.raise_failures < 2;
         if change { self.ask(now, Ask::Rate) } else { self.compare_clocks(now) }
     }
 
@@ -201,14 +189,14 @@ impl Session<'_> {
             }
             return self.compare_clocks(now);
         }
-        self.baud = self.config.baud.wanted();
-        self.outbox.push(Pending::SetBaud(self.baud));
+        self.base.baud = self.config.baud.wanted();
+        self.base.outbox.push(Pending::SetBaud(self.base.baud));
         self.state = State::Settle;
-        self.patience = Patience::new(now, SETTLE, SETTLE);
+        self.base.patience = Patience::new(now, SETTLE, SETTLE);
     }
 
     fn compare_clocks(&mut self, now: Instant) {
-        self.last_good_baud = self.baud;
+        self.base.last_good_baud = self.base.baud;
         self.ask(now, Ask::EnterTime);
     }
 

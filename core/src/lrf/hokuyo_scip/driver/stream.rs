@@ -2,9 +2,10 @@
 
 use super::{Ask, Session, State};
 use crate::lrf::clock::Stamp;
-use crate::lrf::driver::{BaudRates, Cause, Patience, Pending, Step, Trouble, wire_time};
+use crate::lrf::driver::{Cause, Step};
 use crate::lrf::hokuyo_scip::reply::{BLOCK, Reply, Status};
 use crate::lrf::hokuyo_scip::scan::read_scan;
+use crate::lrf::session::{Patience, Pending, wire_time};
 use crate::time::{Duration, Instant};
 
 /// Damaged scans in a row after which the session begins anew.
@@ -16,7 +17,7 @@ impl Session<'_> {
     pub(super) fn begin_streaming(&mut self, now: Instant) {
         self.state = State::Streaming;
         self.bad_in_a_row = 0;
-        self.outbox.push(Pending::Streaming(self.line_baud(), self.scan_period()));
+        self.base.outbox.push(Pending::Streaming(self.line_baud(), self.scan_period()));
         self.watch(now, Duration::from_millis(1500));
     }
 
@@ -53,15 +54,13 @@ impl Session<'_> {
         let stamp = self.offset.stamp(self.frame_began.min(first_byte), stamp_ms, transit);
         self.scan_stamp = Instant::from_micros(stamp.micros - self.config.latency.micros);
         self.scan_len = header.beams;
-        self.outbox.push(Pending::Scan);
-        self.counters.scans = self.counters.scans.saturating_add(1);
+        self.base.announce_scan();
         self.bad_in_a_row = 0;
-        self.back_off.reset();
         self.watch(now, Duration::from_millis(500));
     }
 
     fn refuse(&mut self, now: Instant) {
-        self.counters.damaged = self.counters.damaged.saturating_add(1);
+        self.base.counters.damaged = self.base.counters.damaged.saturating_add(1);
         self.bad_in_a_row += 1;
         if self.bad_in_a_row >= MAX_BAD {
             self.restart(now, Step::Stream, Cause::Damaged, "");
@@ -69,9 +68,7 @@ impl Session<'_> {
     }
 
     fn report_fault(&mut self, status: Status) {
-        let cause = Cause::HardwareFault(status.bytes());
-        let (tried, retry_in) = (BaudRates::default(), Duration::ZERO);
-        self.outbox.push(Pending::Trouble(Trouble { step: Step::Stream, cause, sent: "", tried, retry_in }));
+        self.base.warn(Step::Stream, Cause::HardwareFault(status.bytes()), "");
     }
 
     /// Bytes of a scan on the wire.
@@ -84,7 +81,7 @@ impl Session<'_> {
 
     /// From one scan to the next: whole turns, as many as the line needs.
     fn scan_period(&self) -> Duration {
-        let turn = self.identity.turn.micros.max(1);
+        let turn = self.base.identity.turn.micros.max(1);
         let wire = wire_time(self.scan_bytes(), self.line_baud()).micros;
         let turns = (wire / turn + 1).max(i64::from(self.config.interval) + 1);
         Duration::from_micros(turns * turn)
@@ -93,7 +90,7 @@ impl Session<'_> {
     /// The next scan is due: three may be damaged before it is called silence.
     fn watch(&mut self, now: Instant, allowance: Duration) {
         let wait = Duration::from_micros(4 * self.scan_period().micros + allowance.micros);
-        self.patience = Patience::new(now, wait, wait);
+        self.base.patience = Patience::new(now, wait, wait);
     }
 
     pub(super) fn on_stop(&mut self, now: Instant) {
@@ -105,8 +102,7 @@ impl Session<'_> {
     }
 
     pub(super) fn stopped(&mut self, laser_off: bool) {
-        self.outbox.push(Pending::Stopped(laser_off));
+        self.base.stopped(laser_off);
         self.state = State::Idle;
-        self.patience = Patience::FOREVER;
     }
 }

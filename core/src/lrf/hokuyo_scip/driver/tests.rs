@@ -1,5 +1,5 @@
 use super::*;
-use crate::lrf::driver::{drain, run_bytes};
+use crate::lrf::driver::{Event, drain, run_bytes};
 use std::string::String;
 use std::vec::Vec;
 

@@ -1,7 +1,8 @@
 //! From an open port to a sensor that answers.
 
 use super::{Ask, Session, State};
-use crate::lrf::driver::{BaudPolicy, BaudRates, Cause, Patience, Pending, Step, wire_time};
+use crate::lrf::driver::{BaudPolicy, BaudRates, Cause, Step};
+use crate::lrf::session::{Patience, wire_time};
 use crate::lrf::sick_lms::reply::{DeviceStatus, ModeResult, Reply, ReplyBody};
 use crate::lrf::sick_lms::telegram::MAX_TELEGRAM;
 use crate::time::{Duration, Instant};
@@ -13,26 +14,24 @@ impl Session<'_> {
     pub(super) fn on_connected(&mut self, now: Instant) {
         self.raise_failures = 0;
         self.setup_refused = false;
-        self.back_off.reset();
+        self.base.back_off.reset();
         self.find(now);
     }
 
     pub(super) fn on_disconnected(&mut self) {
-        if self.state == State::Idle {
-            return;
+        if self.state != State::Idle {
+            self.base.unplugged();
+            self.state = State::Idle;
         }
-        self.warn(Step::Port, Cause::Unplugged, "");
-        self.state = State::Idle;
-        self.patience = Patience::FOREVER;
     }
 
     /// Begins to look, at the rate most likely.
     pub(super) fn find(&mut self, now: Instant) {
-        self.rates = match self.config.baud {
+        self.base.rates = match self.config.baud {
             BaudPolicy::NoRate => BaudRates::default(),
-            policy => BaudRates::new([self.last_good_baud, policy.wanted()].into_iter().chain(RATES)),
+            policy => BaudRates::new([self.base.last_good_baud, policy.wanted()].into_iter().chain(RATES)),
         };
-        self.rate_index = 0;
+        self.base.rate_index = 0;
         self.turns_refused = false;
         self.variant_known = false;
         self.fault_reported = false;
@@ -40,16 +39,13 @@ impl Session<'_> {
     }
 
     fn look(&mut self, now: Instant) {
-        if let Some(rate) = self.rates.get(self.rate_index) {
-            self.baud = rate;
-            self.outbox.push(Pending::SetBaud(rate));
-        }
+        self.base.set_rate();
         self.ask(now, Ask::Quiet);
     }
 
     fn try_next_rate(&mut self, now: Instant) {
-        self.rate_index += 1;
-        if self.rates.get(self.rate_index).is_some() {
+        self.base.rate_index += 1;
+        if self.base.rates.get(self.base.rate_index).is_some() {
             self.look(now);
         } else {
             self.restart(now, Step::Find, Cause::NoReply, Ask::Quiet.text());
@@ -60,20 +56,20 @@ impl Session<'_> {
     pub(super) fn on_bytes(&mut self, now: Instant, count: usize) {
         self.noise = self.noise.saturating_add(count as u32);
         if let State::Asking(_) = self.state {
-            self.patience.put_off(now, self.longest_telegram());
+            self.base.patience.put_off(now, self.longest_telegram());
         }
     }
 
     /// Time on the wire of the longest telegram, and a little.
     pub(super) fn longest_telegram(&self) -> Duration {
-        Duration::from_micros(100_000 + wire_time(MAX_TELEGRAM, self.baud).micros)
+        Duration::from_micros(100_000 + wire_time(MAX_TELEGRAM, self.base.baud).micros)
     }
 
     /// The sensor took the request; a change of mode may take 3 s.
     pub(super) fn on_ack(&mut self, now: Instant) {
         if let State::Asking(_) = self.state {
             // In garbage any byte may look like an ACK: the limit holds.
-            self.patience.put_off(now, Duration::from_millis(1000));
+            self.base.patience.put_off(now, Duration::from_millis(1000));
         }
     }
 
@@ -99,8 +95,7 @@ impl Session<'_> {
             (Ask::Quiet | Ask::Stop, ReplyBody::Scan(_)) => self.on_late_scan(now),
             (_, ReplyBody::Scan(_)) => {}
             (Ask::Quiet, ReplyBody::Mode(_) | ReplyBody::Refused) => {
-                self.last_good_baud = self.baud;
-                self.outbox.push(Pending::Found(self.baud));
+                self.base.found();
                 self.ask(now, Ask::Type);
             }
             (Ask::Stop, ReplyBody::Mode(ModeResult::Done)) => self.stopped(true),
@@ -114,7 +109,7 @@ impl Session<'_> {
         if !self.heard_scan {
             self.heard_scan = true;
             let wait = Duration::from_millis(3000);
-            self.patience = Patience::new(now, wait, wait);
+            self.base.patience = Patience::new(now, wait, wait);
         }
     }
 
@@ -150,7 +145,7 @@ impl Session<'_> {
             self.fault_reported = false;
         } else if !self.fault_reported {
             self.fault_reported = true;
-            self.warn(Step::Stream, Cause::HardwareFault([status.0, 0]), "");
+            self.base.warn(Step::Stream, Cause::HardwareFault([status.0, 0]), "");
         }
     }
 }

@@ -1,7 +1,8 @@
 //! What the sensor is, and what it is to be.
 
 use super::{Ask, Session, State};
-use crate::lrf::driver::{Cause, Identity, Patience, Pending, Step};
+use crate::lrf::driver::{Cause, Identity, Step};
+use crate::lrf::session::{Patience, Pending};
 use crate::lrf::sick_lms::config_block::ConfigBlock;
 use crate::lrf::sick_lms::reply::{ModeResult, Reply, ReplyBody, StatusReport};
 use crate::lrf::sick_lms::scan::TURN;
@@ -15,7 +16,7 @@ impl Session<'_> {
     pub(super) fn on_setup_reply(&mut self, now: Instant, ask: Ask, reply: &Reply<'_>) {
         match (ask, &reply.body) {
             (Ask::Type, ReplyBody::Type(text)) => {
-                self.identity = Identity { model: printable(text), ..Identity::default() };
+                self.base.identity = Identity { model: printable(text), ..Identity::default() };
                 self.ask(now, Ask::Status);
             }
             (Ask::Status, ReplyBody::Status(report)) => self.on_status(now, report),
@@ -25,13 +26,13 @@ impl Session<'_> {
                 self.after_config(now);
             }
             (Ask::Rate, ReplyBody::Mode(ModeResult::Done)) => {
-                self.baud = self.config.baud.wanted();
-                self.outbox.push(Pending::SetBaud(self.baud));
+                self.base.baud = self.config.baud.wanted();
+                self.base.outbox.push(Pending::SetBaud(self.base.baud));
                 self.state = State::Settle;
-                self.patience = Patience::new(now, SETTLE, SETTLE);
+                self.base.patience = Patience::new(now, SETTLE, SETTLE);
             }
             (Ask::VerifyRate, ReplyBody::Status(_)) => {
-                self.last_good_baud = self.baud;
+                self.base.last_good_baud = self.base.baud;
                 self.after_rate(now);
             }
             (Ask::Variant, ReplyBody::Variant(taken, variant)) => {
@@ -40,7 +41,7 @@ impl Session<'_> {
                 self.variant_known |= variant.is_possible();
                 if !now_holds {
                     self.setup_refused = true;
-                    self.warn(Step::Configure, Cause::Refused([0xBB, 0]), ask.text());
+                    self.base.warn(Step::Configure, Cause::Refused([0xBB, 0]), ask.text());
                 }
                 self.after_variant(now);
             }
@@ -48,7 +49,7 @@ impl Session<'_> {
             (Ask::SetConfig, ReplyBody::ConfigSet(taken, _)) => {
                 if !*taken {
                     self.setup_refused = true;
-                    self.warn(Step::Configure, Cause::Refused([0xF7, 0]), ask.text());
+                    self.base.warn(Step::Configure, Cause::Refused([0xF7, 0]), ask.text());
                 }
                 self.ask(now, Ask::LeaveInstall);
             }
@@ -68,17 +69,17 @@ impl Session<'_> {
             Ask::Config => self.after_config(now),
             Ask::Rate => {
                 self.raise_failures = u8::MAX;
-                self.warn(Step::RaiseBaud, cause, ask.text());
+                self.base.warn(Step::RaiseBaud, cause, ask.text());
                 self.after_rate(now);
             }
             Ask::Variant => {
                 self.setup_refused = true;
-                self.warn(Step::Configure, cause, ask.text());
+                self.base.warn(Step::Configure, cause, ask.text());
                 self.after_variant(now);
             }
             Ask::Install | Ask::SetConfig => {
                 self.setup_refused = true;
-                self.warn(Step::Configure, cause, ask.text());
+                self.base.warn(Step::Configure, cause, ask.text());
                 self.ask(now, Ask::LeaveInstall);
             }
             Ask::StreamTurns => self.without_turns(now),
@@ -98,9 +99,9 @@ impl Session<'_> {
         self.variant = report.variant();
         self.variant_known = true;
         self.measuring_mode = report.measuring_mode();
-        self.identity.firmware = printable(report.software().as_bytes());
+        self.base.identity.firmware = printable(report.software().as_bytes());
         let state = if report.has_error() { "reports an error in itself" } else { "no error" };
-        self.identity.state = heapless::String::try_from(state).unwrap_or_default();
+        self.base.identity.state = heapless::String::try_from(state).unwrap_or_default();
         self.ask(now, Ask::Config);
     }
 
@@ -109,7 +110,7 @@ impl Session<'_> {
         if self.layout().is_none() && !self.wants_config() {
             return self.restart(now, Step::Identify, Cause::BadParameters, Ask::Config.text());
         }
-        let change = self.config.baud.wants_change(self.baud) && self.raise_failures < 2;
+        let change = self.config.baud.wants_change(self.base.baud) && self.raise_failures < 2;
         if change { self.ask(now, Ask::Rate) } else { self.after_rate(now) }
     }
 
@@ -126,7 +127,7 @@ impl Session<'_> {
             return self.ask(now, Ask::Install);
         }
         self.describe();
-        self.outbox.push(Pending::Identified);
+        self.base.outbox.push(Pending::Identified);
         self.ask(now, if self.streams_turns() { Ask::StreamTurns } else { Ask::StreamAll });
     }
 
@@ -147,13 +148,13 @@ impl Session<'_> {
 
     fn describe(&mut self) {
         let half = f32::from(self.variant.angle_deg).to_radians() / 2.0;
-        self.identity.angle_min_rad = -half;
-        self.identity.angle_max_rad = half;
-        self.identity.beams = self.variant.values();
-        self.identity.turn = TURN;
+        self.base.identity.angle_min_rad = -half;
+        self.base.identity.angle_max_rad = half;
+        self.base.identity.beams = self.variant.values();
+        self.base.identity.turn = TURN;
         let unit = self.block.as_ref().and_then(ConfigBlock::unit);
         if let (Some(layout), Some(unit)) = (self.layout(), unit) {
-            self.identity.range_max_m = f32::from(layout.format.beyond_maximum()) / unit.per_metre();
+            self.base.identity.range_max_m = f32::from(layout.format.beyond_maximum()) / unit.per_metre();
         }
     }
 }

@@ -1,7 +1,8 @@
 //! From the first scan to the last.
 
 use super::{Ask, Session, State};
-use crate::lrf::driver::{Cause, Patience, Pending, Step, wire_time};
+use crate::lrf::driver::{Cause, Step};
+use crate::lrf::session::{Patience, Pending, wire_time};
 use crate::lrf::sick_lms::measurement::Measurement;
 use crate::lrf::sick_lms::reply::{Reply, ReplyBody};
 use crate::lrf::sick_lms::request::Variant;
@@ -16,7 +17,7 @@ impl Session<'_> {
     pub(super) fn begin_streaming(&mut self, now: Instant) {
         self.state = State::Streaming;
         self.bad_in_a_row = 0;
-        self.outbox.push(Pending::Streaming(self.baud, self.scan_period()));
+        self.base.outbox.push(Pending::Streaming(self.base.baud, self.scan_period()));
         self.watch(now, Duration::from_millis(1500));
     }
 
@@ -43,21 +44,19 @@ impl Session<'_> {
             return self.refuse(now);
         };
         // Both are no earlier than the truth: reading late makes the first late, reading in pieces the second.
-        let first_byte = Instant::from_micros(now.micros - wire_time(length + OVERHEAD, self.baud).micros);
+        let first_byte = Instant::from_micros(now.micros - wire_time(length + OVERHEAD, self.base.baud).micros);
         let left = self.telegram_began.min(first_byte);
         self.scan_stamp = Instant::from_micros(left.micros - shape.sweep.micros - self.config.latency.micros);
         self.scan_len = shape.beams;
         self.range_max_m = shape.range_max_m;
-        self.outbox.push(Pending::Scan);
-        self.counters.scans = self.counters.scans.saturating_add(1);
+        self.base.announce_scan();
         self.bad_in_a_row = 0;
-        self.back_off.reset();
         self.watch(now, Duration::from_millis(500));
     }
 
     /// A telegram whose sum is right, but whose content is not what was asked for.
     pub(super) fn refuse(&mut self, now: Instant) {
-        self.counters.damaged = self.counters.damaged.saturating_add(1);
+        self.base.counters.damaged = self.base.counters.damaged.saturating_add(1);
         self.bad(now);
     }
 
@@ -87,7 +86,7 @@ impl Session<'_> {
             true => (self.variant.values_of_turn(0), 1),
             false => (self.variant.values(), i64::from(self.variant.turns())),
         };
-        let wire = wire_time(2 * usize::from(values) + 4 + OVERHEAD, self.baud).micros;
+        let wire = wire_time(2 * usize::from(values) + 4 + OVERHEAD, self.base.baud).micros;
         let unit = TURN.micros * turns;
         Duration::from_micros((wire / unit + 1) * unit)
     }
@@ -95,7 +94,7 @@ impl Session<'_> {
     /// The next scan is due: three may be damaged before it is called silence.
     fn watch(&mut self, now: Instant, allowance: Duration) {
         let wait = Duration::from_micros(4 * self.scan_period().micros + allowance.micros);
-        self.patience = Patience::new(now, wait, wait);
+        self.base.patience = Patience::new(now, wait, wait);
     }
 
     pub(super) fn on_stop(&mut self, now: Instant) {
@@ -107,8 +106,7 @@ impl Session<'_> {
     }
 
     pub(super) fn stopped(&mut self, laser_off: bool) {
-        self.outbox.push(Pending::Stopped(laser_off));
+        self.base.stopped(laser_off);
         self.state = State::Idle;
-        self.patience = Patience::FOREVER;
     }
 }

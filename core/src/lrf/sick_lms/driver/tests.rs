@@ -1,5 +1,5 @@
 use super::*;
-use crate::lrf::driver::{drain, run_bytes};
+use crate::lrf::driver::{Event, drain, run_bytes};
 use crate::lrf::sick_lms::measurement::count_word;
 use crate::lrf::sick_lms::telegram;
 use std::string::String;
