@@ -13,6 +13,8 @@
 //! recorded from a real device) or "drivers" (at least two independent open drivers agree).
 
 pub mod clock;
+#[cfg(test)]
+mod desk;
 pub mod driver;
 pub mod hokuyo_scip;
 pub mod ldrobot;

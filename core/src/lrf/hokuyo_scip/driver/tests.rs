@@ -1,69 +1,32 @@
 use super::*;
-use crate::lrf::driver::{Event, drain, run_bytes};
+use crate::lrf::desk::{Desk, in_words};
+use crate::lrf::driver::Event;
 use std::string::String;
-use std::vec::Vec;
 
 const VERSION: &str = "VV\n00P\nVEND:Hokuyo Automatic Co.,Ltd.;[\nPROD:SOKUIKI Sensor URG-04LX;[\nFIRM:3.1.04(02/Aug./2007);a\nPROT:SCIP 2.0;N\nSERI:H0706400;F\n\n";
 const PARAMETERS: &str = "PP\n00P\nMODL:URG-04LX(Hokuyo Automatic Co.,Ltd.);N\nDMIN:20;4\nDMAX:5600;_\nARES:1024;\\\nAMIN:44;7\nAMAX:725;o\nAFRT:384;6\nSCAN:600;e\n\n";
 
-/// A driver and what it has put out, in words; the test plays the sensor.
-struct Desk<'a> {
-    driver: HokuyoDriver<'a>,
-    now: Instant,
-    said: Vec<String>,
-    deadline: Instant,
-}
-
-impl<'a> Desk<'a> {
+impl<'a> Desk<HokuyoDriver<'a>> {
     fn new(config: HokuyoConfig, frame: &'a mut [u8], beams: &'a mut [Beam]) -> Self {
-        let driver = HokuyoDriver::new(config, frame, beams);
-        let mut desk = Self { driver, now: Instant::default(), said: Vec::new(), deadline: Instant::default() };
-        desk.give(Input::Connected);
-        desk
-    }
-
-    fn give(&mut self, input: Input<'_>) {
-        let said = &mut self.said;
-        let mut sink = |output: Output<'_>| said.push(describe(output));
-        self.deadline = match input {
-            Input::Bytes(bytes) => run_bytes(&mut self.driver, self.now, bytes, &mut sink),
-            input => {
-                let _ = self.driver.handle_input(self.now, input);
-                drain(&mut self.driver, &mut sink)
-            }
-        };
+        Self::with(HokuyoDriver::new(config, frame, beams), describe)
     }
 
     fn reply(&mut self, text: &str) {
-        self.now = self.now + Duration::from_millis(10);
-        self.give(Input::Bytes(text.as_bytes()));
-    }
-
-    fn wait(&mut self) {
-        self.now = self.deadline;
-        self.give(Input::Timeout);
-    }
-
-    fn heard(&mut self) -> Vec<String> {
-        core::mem::take(&mut self.said)
+        self.answer(Duration::from_millis(10), text.as_bytes());
     }
 }
 
 fn describe(output: Output<'_>) -> String {
     match output {
         Output::Transmit(bytes) => std::string::String::from_utf8_lossy(bytes).replace('\n', "|"),
-        Output::SetBaud(rate) => std::format!("baud {rate}"),
-        Output::Event(Event::Scan(scan)) => std::format!("scan of {}", scan.beams.len()),
-        Output::Event(Event::Trouble(trouble)) => std::format!("{trouble}"),
         Output::Event(Event::Identified(identity)) => std::format!("is {}, {}", identity.model, identity.state),
-        Output::Event(event) => std::format!("{event:?}"),
-        Output::Timeout(_) => unreachable!(),
+        output => in_words(output),
     }
 }
 
 const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: crate::scan::Echo::Invalid };
 
-fn to_streaming(desk: &mut Desk<'_>) {
+fn to_streaming(desk: &mut Desk<HokuyoDriver<'_>>) {
     desk.wait();
     desk.reply("QT\n00P\n\n");
     desk.reply(VERSION);

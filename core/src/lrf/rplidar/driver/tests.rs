@@ -1,60 +1,27 @@
 use super::*;
-use crate::lrf::driver::{Event, drain, run_bytes};
+use crate::lrf::desk::{Desk, in_words};
+use crate::lrf::driver::Event;
 use crate::lrf::rplidar::response::Descriptor;
 use std::string::String;
 use std::vec::Vec;
 
 const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
 
-struct Desk<'a> {
-    driver: RplidarDriver<'a>,
-    now: Instant,
-    said: Vec<String>,
-    deadline: Instant,
-}
-
-impl<'a> Desk<'a> {
+impl<'a> Desk<RplidarDriver<'a>> {
     fn new(beams: &'a mut [Beam]) -> Self {
-        let driver = RplidarDriver::new(RplidarConfig::default(), beams);
-        let mut desk = Self { driver, now: Instant::default(), said: Vec::new(), deadline: Instant::default() };
-        desk.give(Input::Connected);
-        desk
-    }
-
-    fn give(&mut self, input: Input<'_>) {
-        let said = &mut self.said;
-        let mut sink = |output: Output<'_>| {
-            said.push(match output {
-                Output::Transmit(bytes) => std::format!("{:?}", Request::parse(bytes).unwrap()),
-                Output::SetBaud(rate) => std::format!("baud {rate}"),
-                Output::Event(Event::Scan(scan)) => std::format!("scan of {}", scan.beams.len()),
-                Output::Event(Event::Trouble(trouble)) => std::format!("{trouble}"),
-                Output::Event(Event::Identified(identity)) => std::format!("is {}", identity.model),
-                Output::Event(event) => std::format!("{event:?}"),
-                Output::Timeout(_) => unreachable!(),
-            });
-        };
-        self.deadline = match input {
-            Input::Bytes(bytes) => run_bytes(&mut self.driver, self.now, bytes, &mut sink),
-            input => {
-                let _ = self.driver.handle_input(self.now, input);
-                drain(&mut self.driver, &mut sink)
-            }
-        };
+        Self::with(RplidarDriver::new(RplidarConfig::default(), beams), describe)
     }
 
     fn reply(&mut self, kind: ResponseKind, response: &[u8]) {
-        self.now = self.now + Duration::from_millis(5);
-        self.give(Input::Bytes(&[&Descriptor { kind }.emit()[..], response].concat()));
+        self.answer(Duration::from_millis(5), &[&Descriptor { kind }.emit()[..], response].concat());
     }
+}
 
-    fn wait(&mut self) {
-        self.now = self.deadline;
-        self.give(Input::Timeout);
-    }
-
-    fn heard(&mut self) -> Vec<String> {
-        core::mem::take(&mut self.said)
+fn describe(output: Output<'_>) -> String {
+    match output {
+        Output::Transmit(bytes) => std::format!("{:?}", Request::parse(bytes).unwrap()),
+        Output::Event(Event::Identified(identity)) => std::format!("is {}", identity.model),
+        output => in_words(output),
     }
 }
 
@@ -67,7 +34,7 @@ fn capsule(dense: bool, index: usize) -> Capsule {
     Capsule::build(dense, index == 0, (index * count) as f32 * 0.9 % 360.0, &distances)
 }
 
-fn to_streaming(desk: &mut Desk<'_>, kind: ResponseKind) {
+fn to_streaming(desk: &mut Desk<RplidarDriver<'_>>, kind: ResponseKind) {
     desk.wait();
     desk.reply(ResponseKind::Info, &INFO);
     desk.reply(ResponseKind::Health, &[0, 0, 0]);

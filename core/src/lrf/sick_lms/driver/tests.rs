@@ -1,52 +1,20 @@
 use super::*;
-use crate::lrf::driver::{Event, drain, run_bytes};
+use crate::lrf::desk::{Desk, in_words};
+use crate::lrf::driver::Event;
 use crate::lrf::sick_lms::measurement::count_word;
 use crate::lrf::sick_lms::telegram;
 use std::string::String;
 use std::vec::Vec;
 
-/// A driver and what it has put out, in words; the test plays the sensor.
-struct Desk<'a> {
-    driver: SickDriver<'a>,
-    now: Instant,
-    said: Vec<String>,
-    deadline: Instant,
-}
-
-impl<'a> Desk<'a> {
+impl<'a> Desk<SickDriver<'a>> {
     fn new(config: SickConfig, telegram: &'a mut [u8], beams: &'a mut [Beam]) -> Self {
-        let driver = SickDriver::new(config, telegram, beams);
-        let mut desk = Self { driver, now: Instant::default(), said: Vec::new(), deadline: Instant::default() };
-        desk.give(Input::Connected);
-        desk
-    }
-
-    fn give(&mut self, input: Input<'_>) {
-        let said = &mut self.said;
-        let mut sink = |output: Output<'_>| said.push(describe(output));
-        self.deadline = match input {
-            Input::Bytes(bytes) => run_bytes(&mut self.driver, self.now, bytes, &mut sink),
-            input => {
-                let _ = self.driver.handle_input(self.now, input);
-                drain(&mut self.driver, &mut sink)
-            }
-        };
+        Self::with(SickDriver::new(config, telegram, beams), describe)
     }
 
     fn reply(&mut self, payload: &[u8]) {
         let mut out = [telegram::ACK; telegram::MAX_TELEGRAM + 1];
         let length = telegram::emit(Direction::ToHost, payload, &mut out[1..]).unwrap();
-        self.now = self.now + Duration::from_millis(10);
-        self.give(Input::Bytes(&out[..=length]));
-    }
-
-    fn wait(&mut self) {
-        self.now = self.deadline;
-        self.give(Input::Timeout);
-    }
-
-    fn heard(&mut self) -> Vec<String> {
-        core::mem::take(&mut self.said)
+        self.answer(Duration::from_millis(10), &out[..=length]);
     }
 }
 
@@ -57,12 +25,8 @@ fn describe(output: Output<'_>) -> String {
             let bytes: Vec<String> = telegram::payload(bytes).iter().map(|byte| std::format!("{byte:02X}")).collect();
             bytes.join(" ")
         }
-        Output::SetBaud(rate) => std::format!("baud {rate}"),
-        Output::Event(Event::Scan(scan)) => std::format!("scan of {}", scan.beams.len()),
-        Output::Event(Event::Trouble(trouble)) => std::format!("{trouble}"),
         Output::Event(Event::Identified(identity)) => std::format!("is {}, {}", identity.model, identity.firmware),
-        Output::Event(event) => std::format!("{event:?}"),
-        Output::Timeout(_) => unreachable!(),
+        output => in_words(output),
     }
 }
 
