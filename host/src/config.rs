@@ -19,6 +19,7 @@ use lrfslam_core::motion::ScanMatchingMotionConfig;
 use lrfslam_core::ndt::NdtConfig;
 use lrfslam_core::perception::PerceptionConfig;
 use lrfslam_core::rays::RayConfig;
+use lrfslam_core::robot::{LaserConfig, ReportConfig, RobotConfig};
 use lrfslam_core::slam::StepConfig;
 use lrfslam_core::time::Duration;
 use serde::{Deserialize, Serialize};
@@ -127,6 +128,8 @@ run_config! {
     perception: PerceptionConfig,
     /// Improved proposal of the particles.
     refinement: RefinementConfig,
+    /// What a robot that does the SLAM itself tells.
+    report: ReportConfig,
     /// High level.
     high: HighConfig,
     /// Segments of the path.
@@ -185,7 +188,15 @@ impl RunConfig {
     /// # Errors
     /// The first thing that is wrong, said with file and line, override, or section and field.
     pub fn load(file: Option<&Path>, overrides: &[String]) -> Result<Self, RunConfigError> {
-        let mut config = file.map_or(Ok(Self::default()), Self::from_file)?;
+        Self::load_over(Self::default(), file, overrides)
+    }
+
+    /// The same with other defaults.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load).
+    pub fn load_over(defaults: Self, file: Option<&Path>, overrides: &[String]) -> Result<Self, RunConfigError> {
+        let mut config = file.map_or(Ok(defaults), |file| defaults.with_file(file))?;
         for argument in overrides {
             let wrong = |message| RunConfigError::Override { argument: argument.clone(), message };
             config = config.with(argument).map_err(wrong)?;
@@ -194,12 +205,22 @@ impl RunConfig {
         Ok(config)
     }
 
-    fn from_file(path: &Path) -> Result<Self, RunConfigError> {
+    /// This configuration with the values of a file.
+    fn with_file(self, path: &Path) -> Result<Self, RunConfigError> {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path);
         let text = text.map_err(|source| RunConfigError::Read { file: file.clone(), source })?;
-        toml::from_str(&text)
-            .map_err(|error| RunConfigError::File { file, message: error.to_string().trim_end().into() })
+        let wrong =
+            |message: String| RunConfigError::File { file: file.clone(), message: message.trim_end().to_owned() };
+        // Read by itself first: only then do messages tell the line.
+        let _: Self = toml::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+        let given: toml::Table = toml::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+        let mut tree = toml::Table::try_from(self).map_err(|error| wrong(error.to_string()))?;
+        for (name, values) in given {
+            let section = tree.get_mut(&name).and_then(toml::Value::as_table_mut);
+            section.into_iter().zip(values.as_table()).for_each(|(section, values)| section.extend(values.clone()));
+        }
+        tree.try_into().map_err(|error: toml::de::Error| wrong(error.to_string()))
     }
 
     /// This configuration with one value replaced.
@@ -266,6 +287,37 @@ impl RunConfig {
             rays: self.rays,
             perception: self.perception,
             refinement: self.refinement,
+        }
+    }
+
+    /// Defaults for a robot that does the SLAM itself: what fits its memory.
+    pub fn for_robot() -> Self {
+        let robot = RobotConfig::default();
+        let (ndt, particles, rays) = (robot.ndt, robot.particles, robot.rays);
+        Self { ndt, particles, rays, ..Self::default() }
+    }
+
+    /// The part that a robot works with.
+    pub fn robot(&self, seed: u64, laser: LaserConfig) -> RobotConfig {
+        RobotConfig {
+            seed,
+            robot_from_lrf: self.robot_from_lrf(),
+            laser,
+            filter: self.filter,
+            ndt: self.ndt,
+            search: self.search,
+            de: self.de,
+            matcher: self.matcher,
+            odometry: self.odometry,
+            recovery: self.recovery,
+            steps: self.steps,
+            motion: self.motion,
+            particles: self.particles,
+            particle_map: self.particle_map,
+            rays: self.rays,
+            perception: self.perception,
+            refinement: self.refinement,
+            report: self.report,
         }
     }
 
@@ -347,6 +399,18 @@ mod tests {
         assert_eq!((config.map.cell_size_m, config.log.range_max_m), (0.2, 30.0));
         assert_eq!(config.map.occupied_share, MapConfig::default().occupied_share);
         assert!(!load("", &["mounting.from_log = false"]).unwrap().mounting.from_log);
+    }
+
+    #[test]
+    fn robots_have_defaults_of_their_own_and_the_file_wins_over_them() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "[particles]\nsamples_per_particle = 2\n[ndt]\noverlapping = true\n").unwrap();
+        let config = RunConfig::load_over(RunConfig::for_robot(), Some(file.path()), &["rays.range_max_m=5".into()]);
+        let config = config.unwrap().robot(7, LaserConfig::default());
+        let default = RobotConfig::default();
+        assert_eq!((config.particles.particles, config.particles.samples_per_particle), (32, 2));
+        assert_eq!((config.ndt.overlapping, config.rays.range_max_m, config.seed), (true, 5.0, 7));
+        assert_eq!(RunConfig::for_robot().robot(default.seed, default.laser), default);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! A map under way: scans in, and at the end a folder with trajectory, map, picture and report.
 //!
-//! What `lrfslam map`, `run` and `replay` share; they differ in where the scans come from.
+//! What `lrfslam map`, `run`, `replay` and `attach` share; they differ in where the scans come from, and the last in who places them: a
+//! [`LowLevel`] on this computer, or a robot's.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,14 +15,16 @@ use lrfslam_core::scan::{Echo, RangeScan};
 use lrfslam_core::slam::StepReport;
 use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::Instant;
+use lrfslam_core::wire::message::{FromRobot, ScanPose};
 
 use crate::config::RunConfig;
 use crate::high_slam::{HighCounts, HighSlam, LowPose};
 use crate::map_io::{PGM_SIDE_MAX, write_map};
-use crate::mapper::{Mapper, MapperMemory};
+use crate::mapper::{Mapper, MapperMemory, MatchCounts};
 use crate::occupancy_map::OccupancyMap;
 use crate::output::{PendingFile, write_file};
 use crate::picture::write_picture;
+use crate::robot::{RobotMap, Sweeps};
 use crate::run_report::{BeamCounts, Cost, Program, RunReport, Source, peak_memory_bytes};
 use crate::scan_store::ScanStore;
 use crate::step_table::StepTable;
@@ -35,18 +38,35 @@ struct ScanPlace {
     step_from_robot: Pose2,
 }
 
+/// What places scans.
+pub trait LowLevel {
+    /// Poses of the best particle at every step that the filter took; empty for matching alone.
+    fn path(&self) -> Vec<Pose2>;
+    /// True if particles correct what matching finds.
+    fn has_particles(&self) -> bool;
+    /// How the matching went.
+    fn counts(&self) -> MatchCounts;
+}
+
+/// A map of scans that this computer places.
+pub type MapRun<'m> = Run<Mapper<'m>>;
+
 /// See the [module](self).
 #[derive(Debug)]
-pub struct MapRun<'m> {
+pub struct Run<L> {
     config: RunConfig,
     seed: u64,
     out: PathBuf,
-    mapper: Mapper<'m>,
+    low: L,
     high: Option<HighSlam>,
     /// Drawn on the way by matching alone, whose path does not change.
     map: OccupancyMap,
     /// Drawn at the end, from where the best particle was; a high level keeps its own.
     scans: ScanStore,
+    /// The place at which each of these was taken.
+    drawn: Vec<usize>,
+    /// A robot's, until their poses come.
+    sweeps: Sweeps,
     trajectory_file: PendingFile,
     places: Vec<ScanPlace>,
     steps: StepTable,
@@ -62,25 +82,7 @@ impl<'m> MapRun<'m> {
     /// # Errors
     /// If the folder cannot be used, or the memory does not fit the configuration.
     pub fn open(out: &Path, config: &RunConfig, seed: u64, memory: &'m mut MapperMemory) -> anyhow::Result<Self> {
-        let unusable = || format!("{}: cannot be used as output folder", out.display());
-        fs::create_dir_all(out).with_context(unusable)?;
-        let trajectory_file = PendingFile::create(&out.join("trajectory.tum")).with_context(unusable)?;
-        Ok(Self {
-            config: *config,
-            seed,
-            out: out.to_owned(),
-            mapper: Mapper::new(config, seed, memory)?,
-            high: (config.hierarchy.levels > 1).then(|| HighSlam::new(&config.high_slam())),
-            map: OccupancyMap::new(config.map),
-            scans: ScanStore::default(),
-            trajectory_file,
-            places: Vec::new(),
-            steps: StepTable::default(),
-            map_from_step: Pose2::IDENTITY,
-            step_count: 0,
-            beams: BeamCounts::default(),
-            working: WallDuration::ZERO,
-        })
+        Self::with(out, config, seed, || Ok(Mapper::new(config, seed, memory)?))
     }
 
     /// Maps one scan. A scan that cannot be believed is not drawn.
@@ -97,26 +99,105 @@ impl<'m> MapRun<'m> {
         odometry: Option<Pose2>,
     ) -> anyhow::Result<StepReport> {
         let started = WallInstant::now();
-        let (step, times) = self.mapper.add_scan(scan, robot_from_lrf, odometry)?;
+        let (step, times) = self.low.add_scan(scan, robot_from_lrf, odometry)?;
         let sweep = Sweep { scan: *scan, robot_from_lrf, motion: step.odometry.motion };
-        if let Some(high) = &mut self.high {
-            high.add_scan(&sweep, &low_pose(&step.odometry));
-        }
         if let Some(filter) = &step.filter {
             self.steps.add(scan.stamp, self.places.len(), filter, &times);
             self.map_from_step = step.map_from_robot;
             self.step_count += 1;
-            if self.high.is_none() {
-                self.scans.add(&sweep);
-            }
-        } else if !self.mapper.has_particles() && !step.odometry.is_lost {
+        } else if !self.low.has_particles() && !step.odometry.is_lost {
             self.map.insert(scan, step.map_from_robot * robot_from_lrf);
         }
         let step_from_robot = self.map_from_step.between(step.map_from_robot);
-        self.places.push(ScanPlace { stamp: scan.stamp, step: self.step_count.saturating_sub(1), step_from_robot });
-        self.beams.add(scan);
+        let place = ScanPlace { stamp: scan.stamp, step: self.step_count.saturating_sub(1), step_from_robot };
+        self.place(&sweep, &low_pose(&step.odometry), place, step.filter.is_some());
         self.working += started.elapsed();
         Ok(step)
+    }
+}
+
+impl Run<RobotMap> {
+    /// An empty map of scans that a robot places; the rest as [`MapRun::open`].
+    ///
+    /// # Errors
+    /// If the folder cannot be used.
+    pub fn open_told(out: &Path, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
+        Self::with(out, config, seed, || Ok(RobotMap::default()))
+    }
+
+    /// Takes what a robot says of path and map; a scan is placed where it says, with its beams if they were told before.
+    pub fn take(&mut self, message: &FromRobot<'_>, robot_from_lrf: Pose2) {
+        let started = WallInstant::now();
+        self.low.take(message);
+        match message {
+            FromRobot::Sweep(part) => self.sweeps.take_part(part),
+            FromRobot::Scan(pose) => self.take_pose(pose, robot_from_lrf),
+            _ => {}
+        }
+        self.working += started.elapsed();
+    }
+
+    fn take_pose(&mut self, pose: &ScanPose, robot_from_lrf: Pose2) {
+        let told = self.sweeps.taken_at(pose.stamp);
+        let silent = RangeScan { stamp: pose.stamp, range_max_m: 0.0, beams: &[] };
+        let sweep = match &told {
+            Some(told) => Sweep { scan: told.scan(), robot_from_lrf, motion: told.motion },
+            None => Sweep::at_rest(silent, robot_from_lrf),
+        };
+        let low = LowPose { map_from_robot: pose.odometry, undetermined: pose.undetermined, is_lost: pose.is_lost };
+        // To the robot's path every scan is a step.
+        let place = ScanPlace { stamp: pose.stamp, step: self.places.len(), step_from_robot: Pose2::IDENTITY };
+        self.place(&sweep, &low, place, told.is_some());
+    }
+
+    /// What the robot has told.
+    pub fn robot(&self) -> &RobotMap {
+        &self.low
+    }
+}
+
+impl<L: LowLevel> Run<L> {
+    fn with(
+        out: &Path,
+        config: &RunConfig,
+        seed: u64,
+        low: impl FnOnce() -> anyhow::Result<L>,
+    ) -> anyhow::Result<Self> {
+        let unusable = || format!("{}: cannot be used as output folder", out.display());
+        fs::create_dir_all(out).with_context(unusable)?;
+        let trajectory_file = PendingFile::create(&out.join("trajectory.tum")).with_context(unusable)?;
+        Ok(Self {
+            config: *config,
+            seed,
+            out: out.to_owned(),
+            low: low()?,
+            high: (config.hierarchy.levels > 1).then(|| HighSlam::new(&config.high_slam())),
+            map: OccupancyMap::new(config.map),
+            scans: ScanStore::default(),
+            drawn: Vec::new(),
+            sweeps: Sweeps::default(),
+            trajectory_file,
+            places: Vec::new(),
+            steps: StepTable::default(),
+            map_from_step: Pose2::IDENTITY,
+            step_count: 0,
+            beams: BeamCounts::default(),
+            working: WallDuration::ZERO,
+        })
+    }
+
+    /// Keeps a scan that the low level has placed.
+    ///
+    /// * `is_drawn` — the map is drawn from this one too, if there is no high level
+    fn place(&mut self, sweep: &Sweep<'_>, low: &LowPose, place: ScanPlace, is_drawn: bool) {
+        if let Some(high) = &mut self.high {
+            high.add_scan(sweep, low);
+        } else if is_drawn {
+            self.scans.add(sweep);
+            self.drawn.push(self.places.len());
+        }
+        self.places.push(place);
+        self.beams.add(&sweep.scan);
     }
 
     /// Where the robot was at every scan, as the highest level now has it.
@@ -124,7 +205,7 @@ impl<'m> MapRun<'m> {
         if let Some(high) = &self.high {
             return high.trajectory().collect();
         }
-        let path = self.mapper.path();
+        let path = self.low.path();
         let pose = |place: &ScanPlace| {
             let map_from_step = path.get(place.step).copied().unwrap_or(Pose2::IDENTITY);
             TimedPose { stamp: place.stamp, map_from_robot: map_from_step * place.step_from_robot }
@@ -191,9 +272,10 @@ impl<'m> MapRun<'m> {
             return high.draw(&mut self.map);
         }
         let mut beams = Vec::new();
-        for (index, map_from_robot) in self.mapper.path().into_iter().enumerate() {
-            if let Some(sweep) = self.scans.sweep(index, &mut beams) {
-                self.map.insert(&sweep.scan, map_from_robot * sweep.robot_from_lrf);
+        let trajectory = self.trajectory();
+        for (scan, place) in self.drawn.iter().enumerate() {
+            if let (Some(sweep), Some(pose)) = (self.scans.sweep(scan, &mut beams), trajectory.get(*place)) {
+                self.map.insert(&sweep.scan, pose.map_from_robot * sweep.robot_from_lrf);
             }
         }
     }
@@ -206,7 +288,7 @@ impl<'m> MapRun<'m> {
             seed: self.seed,
             odometry,
             beams: self.beams,
-            matching: self.mapper.counts(),
+            matching: self.low.counts(),
             particles: self.steps.summary(),
             high: self.high_counts(),
             cost: self.cost(),

@@ -15,6 +15,7 @@ use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use crate::config::RunConfig;
 use crate::genealogy::Genealogy;
+use crate::map_run::LowLevel;
 
 mod memory;
 
@@ -151,22 +152,22 @@ impl<'m> Mapper<'m> {
         self.counts.add(&done.0.odometry);
         Ok(done)
     }
+}
 
-    /// Poses of the best particle at every step that the filter took, its own history; empty for matching alone.
-    pub fn path(&self) -> Vec<Pose2> {
+impl LowLevel for Mapper<'_> {
+    /// The best particle's own history.
+    fn path(&self) -> Vec<Pose2> {
         match &self.engine {
             Engine::Matcher(_) => Vec::new(),
             Engine::DpSlam(engine) => engine.genealogy.path(engine.best),
         }
     }
 
-    /// True if particles correct what matching finds.
-    pub fn has_particles(&self) -> bool {
+    fn has_particles(&self) -> bool {
         matches!(self.engine, Engine::DpSlam(_))
     }
 
-    /// How the matching went so far.
-    pub fn counts(&self) -> MatchCounts {
+    fn counts(&self) -> MatchCounts {
         self.counts
     }
 }

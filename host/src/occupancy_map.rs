@@ -107,6 +107,14 @@ impl OccupancyMap {
         }
     }
 
+    /// Adds rays to the cell `index`: so many that ended in it, and that passed.
+    pub fn add(&mut self, index: CellIndex, hits: u16, passes: u16) {
+        if hits > 0 || passes > 0 {
+            let cell = self.cell_mut(index);
+            (cell.hits, cell.passes) = (cell.hits.saturating_add(hits), cell.passes.saturating_add(passes));
+        }
+    }
+
     fn cell_mut(&mut self, index: CellIndex) -> &mut Cell {
         let place = tile_of(index);
         let tile = match self.last {

@@ -63,6 +63,38 @@ pub enum Source {
         /// What its driver counted.
         laser: LaserCounts,
     },
+    /// A robot that does the SLAM itself.
+    Robot {
+        /// Where it was reached.
+        port: String,
+        /// What it counted, and what of it is not here.
+        robot: RobotCounts,
+    },
+}
+
+/// What a robot counted, and what of it did not come here.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct RobotCounts {
+    /// Its board.
+    pub board: String,
+    /// The path begins with the robot's first step; otherwise the host came later.
+    pub is_from_start: bool,
+    /// The robot has stopped and told all of its map.
+    pub is_map_complete: bool,
+    /// Scans that it took and that nobody was told of.
+    pub missing_scans: u32,
+    /// Scans not told with their beams, for want of room on the link.
+    pub untold_sweeps: u32,
+    /// Scans larger than its memory.
+    pub refused_scans: u32,
+    /// Particles that went because no map tile was free.
+    pub dropped_particles: u32,
+    /// Scans and replies of the laser refused because something in them was wrong.
+    pub damaged: u32,
+    /// Sessions with the laser begun anew after trouble.
+    pub restarts: u32,
+    /// Frames of the link that came damaged.
+    pub damaged_frames: u32,
 }
 
 /// What the driver of a laser counted.

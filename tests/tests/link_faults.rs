@@ -152,8 +152,9 @@ fn a_host_without_memory_has_the_path_from_where_it_came_and_the_whole_map() {
     assert!(segments.len() > 4 && wanted.map.segments().ends_with(segments));
     assert_eq!(tiles, wanted.map.tiles());
     let (path, whole) = (life.map.path(), wanted.map.path());
-    let poses = |path: &[(usize, _)]| path.iter().map(|(_, pose)| *pose).collect::<Vec<_>>();
-    assert!(path.len() > 20 && poses(&whole).ends_with(&poses(&path)));
+    // Those of its first scans that belong to a step before are led back to by laser odometry.
+    let known = path.len() - 10;
+    assert!(known > 20 && whole.ends_with(&path[10..]), "{known} poses");
 }
 
 /// What was acknowledged of its first life is here and stays; its second life is a map of its own, the same as on a good line.
@@ -202,7 +203,7 @@ fn an_absent_host_is_told_what_it_has_missed() {
     // The path still leads from the first step to the last, and ends where it ends on a good line.
     assert!(life.map.is_from_start());
     assert_eq!(life.map.path().len(), life.map.scans().len());
-    let end = |life: &Life| life.map.path().last().map(|(_, pose)| *pose);
+    let end = |life: &Life| life.map.path().last().copied();
     assert_eq!(end(life), end(&wanted));
     assert_eq!(life.map.tiles(), wanted.map.tiles());
 }

@@ -19,6 +19,8 @@ use crate::wire::session::{Received, Session};
 
 /// From one status to the next.
 const STATUS_EVERY: Duration = Duration::from_millis(250);
+/// From a request to start anew to doing so: its acknowledgement goes out first, or the host would ask again and again.
+const RESTART_AFTER: Duration = Duration::from_millis(200);
 /// Poses and words that wait for room in the queue.
 const POSES: usize = 16;
 
@@ -75,6 +77,7 @@ pub struct Robot<'m> {
     status: Status,
     status_at: Instant,
     laser_connected: bool,
+    restart_at: Instant,
 }
 
 /// To a request.
@@ -138,6 +141,7 @@ impl<'m> Robot<'m> {
             status: Status::default(),
             status_at: NEVER,
             laser_connected: false,
+            restart_at: NEVER,
         }
     }
 
@@ -167,6 +171,10 @@ impl<'m> Robot<'m> {
             Input::Timeout => self.on_timeout(now, ports),
         }
         self.tell_host(now, ports);
+        if now >= self.restart_at {
+            self.restart_at = NEVER;
+            ports.restart();
+        }
         self.deadline()
     }
 
@@ -176,7 +184,7 @@ impl<'m> Robot<'m> {
             Work::Waiting(_) | Work::Nothing => NEVER,
         };
         let status = if self.link.is_live() { self.status_at } else { NEVER };
-        laser.min(self.link.deadline()).min(status)
+        laser.min(self.link.deadline()).min(status).min(self.restart_at)
     }
 
     fn on_timeout(&mut self, now: Instant, ports: &mut impl Ports) {
@@ -267,7 +275,7 @@ impl<'m> Robot<'m> {
             match request {
                 Some(ToRobot::Configure(config)) => self.configure(now, &config, ports),
                 Some(ToRobot::Stop) => self.stop(now, ports),
-                Some(ToRobot::Restart) => ports.restart(),
+                Some(ToRobot::Restart) => self.restart_at = now + RESTART_AFTER,
                 None => {}
             }
         }

@@ -39,7 +39,7 @@ pub(super) struct LaserArgs {
     latency: f64,
 }
 
-fn parse_baud(text: &str) -> Result<u32, String> {
+pub(super) fn parse_baud(text: &str) -> Result<u32, String> {
     if text == "auto" {
         return Ok(0);
     }

@@ -3,6 +3,7 @@
 //! 0: done. 1: a fault while working; results up to it are written, and said to be partial. 2: wrong usage, or input
 //! that is wrong from the start. A reader of our output that goes away (`| head`) is no fault.
 
+mod attach;
 mod calibrate;
 mod cloud;
 mod cloud_summary;
@@ -43,6 +44,7 @@ enum Command {
     Cloud(cloud::CloudArgs),
     Run(run::RunArgs),
     Replay(replay::ReplayArgs),
+    Attach(Box<attach::AttachArgs>),
     Lrf(lrf::LrfArgs),
     Calibrate(calibrate::CalibrateArgs),
     Config(config::ConfigArgs),
@@ -90,6 +92,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>, show: &Show) -> ExitCode {
         Command::Cloud(args) => cloud::run(args),
         Command::Run(args) => run::run(args),
         Command::Replay(args) => replay::run(args),
+        Command::Attach(args) => attach::run(args),
         Command::Lrf(args) => lrf::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Config(args) => config::run(args),

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::log::LogCounts;
 use crate::mapper::MatchCounts;
-use crate::run_report::{LaserCounts, RunReport, Source};
+use crate::run_report::{LaserCounts, RobotCounts, RunReport, Source};
 
 /// What was done, how fast, and what was odd.
 pub(super) fn summary(report: &RunReport, out: &Path) -> String {
@@ -22,6 +22,7 @@ pub(super) fn summary(report: &RunReport, out: &Path) -> String {
     let source = match &report.source {
         Source::Log { log, .. } => log_notes(log),
         Source::Laser { laser, .. } => laser_notes(laser),
+        Source::Robot { robot, .. } => robot_notes(robot),
     };
     for (_, note) in source.into_iter().chain(map_notes(report)).filter(|(applies, _)| *applies) {
         let _ = writeln!(text, "note: {note}");
@@ -74,5 +75,19 @@ fn laser_notes(laser: &LaserCounts) -> Vec<Note> {
         (restarts > 0, format!("the laser was started anew {restarts} times")),
         (overrun > 0, format!("{overrun} scans were dropped: the computer is too slow for this laser")),
         (too_fast > 0, format!("during {too_fast} scans the robot moved faster than the laser's rate allows")),
+    ]
+}
+
+fn robot_notes(robot: &RobotCounts) -> Vec<Note> {
+    let RobotCounts { missing_scans, untold_sweeps, refused_scans, dropped_particles, .. } = *robot;
+    vec![
+        (!robot.is_from_start, "the path begins where this host came, not where the robot began".to_owned()),
+        (!robot.is_map_complete, "the robot has not told all of its map: robot-map.pgm is what came".to_owned()),
+        (missing_scans > 0, format!("{missing_scans} scans were lost while the link was away for too long")),
+        (untold_sweeps > 0, format!("{untold_sweeps} scans came without their beams: the link is too slow")),
+        (refused_scans > 0, format!("{refused_scans} scans have more beams than the robot has memory for (--cluster)")),
+        (dropped_particles > 0, format!("{dropped_particles} particles went because the robot's memory was full")),
+        (robot.restarts > 0, format!("the robot started its laser anew {} times", robot.restarts)),
+        (robot.damaged > 0, format!("{} scans or replies of the laser were refused as damaged", robot.damaged)),
     ]
 }

@@ -172,7 +172,7 @@ fn table(args: &DemoArgs, path: &TruthReport, cloud: &Cloud, distances: &[f64], 
     row("cloud to true surface, cm", &surface, 100.0, "");
     let lost = match &drive.report.source {
         Source::Laser { laser, .. } => format!("{} damaged, {} not mapped in time", laser.damaged, laser.overrun),
-        Source::Log { .. } => String::new(),
+        Source::Robot { .. } | Source::Log { .. } => String::new(),
     };
     format!(
         "Laser {:?}, world {}, seed {}: {} scans mapped in {driven_s:.0} s, {} tilted; {lost}.\n\n\

@@ -134,14 +134,14 @@ impl HighSlam {
         }
     }
 
-    /// Stores the scan if the robot has moved; returns its place. One that is not believed is not stored.
+    /// Stores the scan if the robot has moved; returns its place. One that is not believed, or without beams, is not stored.
     fn keep(&mut self, sweep: &Sweep<'_>, start_from_robot: Pose2, is_lost: bool) -> Option<u32> {
         let high = &self.config.high;
         let has_moved = self.kept.is_none_or(|kept| {
             let step = kept.between(start_from_robot);
             step.position().norm() >= high.keep_distance_m || step.heading.abs() >= high.keep_rotation_deg.to_radians()
         });
-        if is_lost || !has_moved {
+        if is_lost || !has_moved || sweep.scan.beams.is_empty() {
             return None;
         }
         self.kept = Some(start_from_robot);

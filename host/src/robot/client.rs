@@ -68,7 +68,7 @@ impl<'a> Told<'a> {
 /// The host's end of a session: bytes and the time in, frames and events out.
 #[derive(Debug)]
 pub struct RobotClient<'m> {
-    config: RobotConfig,
+    config: Option<RobotConfig>,
     session: Session<'m>,
 }
 
@@ -78,12 +78,21 @@ impl<'m> RobotClient<'m> {
     /// * `epoch` — another number than that of the last run; `resume` — how far that one had come
     pub fn new(config: &RobotConfig, epoch: u32, resume: Option<Progress>, memory: &'m mut ClientMemory) -> Self {
         let memory = SessionMemory { queue: &mut memory.queue, frame: &mut memory.frame };
-        Self { config: *config, session: Session::new(epoch, resume, memory) }
+        Self { config: Some(*config), session: Session::new(epoch, resume, memory) }
     }
 
     /// The session below.
     pub fn session(&mut self) -> &mut Session<'m> {
         &mut self.session
+    }
+
+    /// Lets the robot forget everything, and configures it no more: the next host finds it as after power on.
+    ///
+    /// # Errors
+    /// If too many requests wait already.
+    pub fn release(&mut self) -> Result<(), QueueFullError> {
+        self.config = None;
+        self.ask(&ToRobot::Restart)
     }
 
     /// Asks the robot for something.
@@ -119,9 +128,9 @@ impl<'m> RobotClient<'m> {
                 Some(Received::OtherVersion(version)) => sink(RobotEvent::OtherVersion(version)),
                 None => {}
             }
-            if let Some(capacities) = introduced {
+            if let Some((config, capacities)) = self.config.zip(introduced) {
                 // A full queue holds requests that the robot has not taken; it will introduce itself to the next host again.
-                let _ = self.ask(&ToRobot::Configure(fitted(&self.config, &capacities)));
+                let _ = self.ask(&ToRobot::Configure(fitted(&config, &capacities)));
             }
         }
     }

@@ -3,8 +3,12 @@
 use std::collections::BTreeMap;
 
 use lrfslam_core::geometry::Pose2;
+use lrfslam_core::grid::CellIndex;
 use lrfslam_core::wire::message::{Capacities, FromRobot, ScanPose, Segment, TileUpdate};
 
+use crate::map_run::LowLevel;
+use crate::mapper::MatchCounts;
+use crate::occupancy_map::{MapConfig, OccupancyMap};
 use crate::trajectory::TimedPose;
 
 /// Tiles by column and row.
@@ -18,6 +22,21 @@ pub struct RobotMap {
     scans: Vec<ScanPose>,
     tiles: Tiles,
     is_complete: bool,
+}
+
+impl LowLevel for RobotMap {
+    /// A step for each scan.
+    fn path(&self) -> Vec<Pose2> {
+        self.path().into_iter().map(|pose| pose.map_from_robot).collect()
+    }
+
+    fn has_particles(&self) -> bool {
+        true
+    }
+
+    fn counts(&self) -> MatchCounts {
+        self.match_counts()
+    }
 }
 
 impl RobotMap {
@@ -39,6 +58,16 @@ impl RobotMap {
 
     fn take_tile(&mut self, tile: &TileUpdate<'_>) {
         self.tiles.insert((tile.column, tile.row), tile.squares.to_vec());
+    }
+
+    /// How the matching went, as far as the robot tells.
+    fn match_counts(&self) -> MatchCounts {
+        let count = |is_so: fn(&&ScanPose) -> bool| self.scans.iter().filter(is_so).count() as u64;
+        MatchCounts {
+            lost_scans: count(|scan| scan.is_lost),
+            undetermined_scans: count(|scan| scan.undetermined.is_some()),
+            ..MatchCounts::default()
+        }
     }
 
     /// True if the robot has stopped and all of its map is here.
@@ -73,6 +102,23 @@ impl RobotMap {
         &self.tiles
     }
 
+    /// The tiles as a map with the robot's squares.
+    ///
+    /// * `square_size_m` — of the particles' maps; `config` — how it is judged what is occupied
+    pub fn draw(&self, square_size_m: f32, config: &MapConfig) -> OccupancyMap {
+        let side = usize::from(self.capacities.tile_side.max(1));
+        let mut map = OccupancyMap::new(MapConfig { cell_size_m: square_size_m, ..*config });
+        for ((column, row), squares) in &self.tiles {
+            for (index, square) in squares.chunks_exact(2).enumerate() {
+                let at = |tile: i16, offset: usize| i32::from(tile) * side as i32 + offset as i32;
+                let cell = CellIndex { column: at(*column, index % side), row: at(*row, index / side) };
+                // A ray that crosses a square travels about its side, which is told as 8.
+                map.add(cell, u16::from(square[0]), u16::from(square[1].div_ceil(8)));
+            }
+        }
+        map
+    }
+
     /// The best particle's poses at the ends of the segments, the last first: its path back to where segments are missing.
     fn steps_backwards(&self) -> impl Iterator<Item = (u32, Pose2)> + '_ {
         let mut index = self.segments.last().map_or(0, |last| usize::from(last.best));
@@ -88,20 +134,19 @@ impl RobotMap {
         })
     }
 
-    /// The best particle's path, a pose for each scan. Where segments were joined, laser odometry leads from one known step to the next.
-    ///
-    /// Scans before the first known step are left out: a host that came late has no path to them.
-    pub fn path(&self) -> Vec<(usize, TimedPose)> {
+    /// The best particle's path, a pose for each scan. Where steps are not known, because segments were joined or the host came later,
+    /// laser odometry leads on from the last known one, or back from the first.
+    pub fn path(&self) -> Vec<TimedPose> {
         let steps: BTreeMap<u32, Pose2> = self.steps_backwards().collect();
-        let mut last: Option<(Pose2, Pose2)> = None;
-        let pose = |(index, scan): (usize, &ScanPose)| {
-            let at_step = steps.get(&scan.step).map(|step| *step * scan.moved);
-            let reckoned = last.map(|(pose, odometry)| pose * odometry.between(scan.odometry));
-            let map_from_robot = at_step.or(reckoned)?;
-            last = Some((map_from_robot, scan.odometry));
-            Some((index, TimedPose { stamp: scan.stamp, map_from_robot }))
+        let known = |scan: &ScanPose| steps.get(&scan.step).map(|step| *step * scan.moved);
+        let first = self.scans.iter().find_map(|scan| Some((known(scan)?, scan.odometry)));
+        let mut last = first.unwrap_or_default();
+        let pose = |scan: &ScanPose| {
+            let map_from_robot = known(scan).unwrap_or(last.0 * last.1.between(scan.odometry));
+            last = (map_from_robot, scan.odometry);
+            TimedPose { stamp: scan.stamp, map_from_robot }
         };
-        self.scans.iter().enumerate().filter_map(pose).collect()
+        self.scans.iter().map(pose).collect()
     }
 
     /// True if the path to the latest pose begins with the robot's first step.

@@ -7,10 +7,12 @@ mod client;
 mod journal;
 mod link;
 mod map;
+mod run;
 mod sweeps;
 
 pub use client::{ClientMemory, RobotClient, RobotEvent, Told};
 pub use journal::{JOURNAL, Journal};
 pub use link::{LinkEvent, RobotLink};
 pub use map::{RobotMap, Tiles};
+pub use run::RobotRun;
 pub use sweeps::{Sweeps, ToldSweep};

@@ -1,0 +1,322 @@
+//! `lrfslam attach`: to a robot that does the SLAM itself.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::{Duration as WallDuration, Instant as WallInstant, SystemTime, UNIX_EPOCH};
+
+use anyhow::{Context as _, anyhow};
+use clap::{Args, ValueEnum};
+use lrfslam_core::robot::{LaserConfig, LaserFamily};
+use lrfslam_core::wire::message::{FromRobot, Status, ToRobot};
+use lrfslam_core::wire::session::VERSION;
+
+use super::laser::{interrupt_flag, parse_baud, say};
+use super::summary::summary;
+use super::{Failure, print};
+use crate::config::RunConfig;
+use crate::link::Address;
+use crate::robot::{ClientMemory, JOURNAL, LinkEvent, RobotClient, RobotEvent, RobotLink, RobotRun, Told};
+
+/// Attach to a robot that does the SLAM itself (firmware, or robot-sim), until ctrl-C, which stops its laser and writes the map.
+///
+/// Configures the robot, keeps what it tells, closes loops, and writes what `lrfslam run` writes; also robot-map.pgm and .yaml, the
+/// map as the robot has it, and robot.journal, all that it told. A robot that starts anew gets a folder of its own: DIR-2, DIR-3 …
+#[derive(Debug, Args)]
+pub(super) struct AttachArgs {
+    /// Serial port of the robot, such as /dev/ttyACM0, or tcp:HOST:PORT.
+    #[arg(long, value_name = "DEV")]
+    port: Address,
+    /// Rate of the serial port, bit/s.
+    #[arg(long, value_name = "N", default_value_t = 921_600)]
+    baud: u32,
+    /// Which laser is plugged into the robot.
+    #[arg(long, value_enum)]
+    lrf: RobotLaser,
+    /// Rate to which the robot raises its laser if it is slower, bit/s; auto is what every cable can.
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = parse_baud)]
+    lrf_baud: u32,
+    /// Hokuyo: merge so many neighbouring steps into one beam.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=99))]
+    cluster: u8,
+    /// Folder for the results; made if it is not there.
+    #[arg(long, value_name = "DIR", default_value = "robot-map")]
+    out: PathBuf,
+    /// Go on with what an earlier attach has stored in DIR.
+    #[arg(long)]
+    resume: bool,
+    /// The robot forgets what it has done so far, and begins anew.
+    #[arg(long, conflicts_with = "resume")]
+    restart: bool,
+    /// Leave the robot mapping at the end, for another attach.
+    #[arg(long)]
+    keep_running: bool,
+    /// Configuration; `lrfslam config` prints one. Without, a robot has defaults of its own.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Change one value of the configuration; may be given more than once.
+    #[arg(long, value_name = "SECTION.KEY=VALUE")]
+    set: Vec<String>,
+    /// Start of the random numbers.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// End after so many scans.
+    #[arg(long, value_name = "N")]
+    scans: Option<usize>,
+    /// End after so many seconds of scans.
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+    /// Particles of the robot; the same as --set particles.particles=N. No more than it has memory for.
+    #[arg(long, value_name = "N")]
+    particles: Option<u16>,
+    /// 1: the robot's own path and map; 2: loops are closed here; the same as --set hierarchy.levels=N.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=2))]
+    levels: Option<u16>,
+    /// No lines on the way; only the result.
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// Lasers that a robot can drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum RobotLaser {
+    /// SICK LMS200, 211, 220, 221, 291
+    #[value(name = "sick-lms2xx")]
+    SickLms2xx,
+    /// Hokuyo with SCIP
+    Hokuyo,
+}
+
+/// Longest wait for the robot, so that ctrl-C is noticed.
+const LISTEN: WallDuration = WallDuration::from_millis(50);
+/// From one line about the robot to the next.
+const TELL_EVERY: WallDuration = WallDuration::from_secs(2);
+/// At the end, a robot that says nothing new for so long is left.
+const PATIENCE: WallDuration = WallDuration::from_secs(5);
+/// How long a robot may take to be let go.
+const FAREWELL: WallDuration = WallDuration::from_secs(2);
+
+impl AttachArgs {
+    fn laser(&self) -> LaserConfig {
+        let (family, usual) = match self.lrf {
+            RobotLaser::SickLms2xx => (LaserFamily::Sick, 38_400),
+            RobotLaser::Hokuyo => (LaserFamily::Hokuyo, 115_200),
+        };
+        let baud = if self.lrf_baud == 0 { usual } else { self.lrf_baud };
+        LaserConfig { family, baud, cluster: self.cluster }
+    }
+
+    fn config(&self) -> Result<RunConfig, Failure> {
+        let mut overrides = self.set.clone();
+        overrides.extend(self.particles.map(|count| format!("particles.particles={count}")));
+        overrides.extend(self.levels.map(|levels| format!("hierarchy.levels={levels}")));
+        RunConfig::load_over(RunConfig::for_robot(), self.config.as_deref(), &overrides).map_err(Failure::start)
+    }
+}
+
+pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
+    let stop = interrupt_flag().map_err(Failure::Start)?;
+    let config = args.config()?;
+    let mut book = Book::open(args, &config).map_err(Failure::Start)?;
+    let mut memory = ClientMemory::default();
+    let robot = config.robot(args.seed, args.laser());
+    let resume = book.run.as_ref().and_then(RobotRun::progress);
+    let mut client = RobotClient::new(&robot, this_epoch(), resume, &mut memory);
+    if args.restart {
+        client.ask(&ToRobot::Restart).map_err(Failure::start)?;
+    }
+    let mut link = RobotLink::new(&args.port, args.baud, client);
+    while !stop.load(Ordering::Relaxed) && !book.is_enough() {
+        link.serve(LISTEN, &mut |event| book.take(event));
+        book.tell_now_and_then();
+    }
+    if !args.keep_running {
+        end(&mut link, &mut book);
+    }
+    book.damaged_frames = link.client().session().counters().frames.damaged;
+    book.close(None);
+    book.fault.map_or(Ok(()), |fault| Err(Failure::Work(fault)))
+}
+
+/// A number that the next start will not have: ticks of 16 ms since 1970, which repeat after two years.
+fn this_epoch() -> u32 {
+    (SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_millis() / 16) as u32
+}
+
+/// Stops the robot, waits for the whole of its map, and lets it go.
+fn end(link: &mut RobotLink<'_>, book: &mut Book<'_>) {
+    if book.run.is_none() || link.client().ask(&ToRobot::Stop).is_err() {
+        return;
+    }
+    let mut heard = (book.messages, WallInstant::now());
+    while !book.run.as_ref().is_some_and(|run| run.map().is_complete()) {
+        link.serve(LISTEN, &mut |event| book.take(event));
+        if book.messages != heard.0 {
+            heard = (book.messages, WallInstant::now());
+        }
+        if heard.1.elapsed() > PATIENCE {
+            say("the robot does not answer: its laser may still be on, and of its map there is what came");
+            return;
+        }
+    }
+    let started = WallInstant::now();
+    let mut is_gone = link.client().release().is_err();
+    while !is_gone && started.elapsed() < FAREWELL {
+        link.serve(LISTEN, &mut |event| is_gone |= matches!(event, LinkEvent::Robot(RobotEvent::NewRobot)));
+        is_gone |= link.client().session().is_idle();
+    }
+}
+
+/// What is heard, life after life of the robot.
+struct Book<'a> {
+    args: &'a AttachArgs,
+    config: &'a RunConfig,
+    run: Option<RobotRun>,
+    /// Number of the robot's life that `run` is about, from 1.
+    life: u32,
+    messages: u64,
+    told_at: WallInstant,
+    is_lost: bool,
+    damaged_frames: u32,
+    fault: Option<anyhow::Error>,
+}
+
+/// DIR, DIR-2, DIR-3 …
+fn folder(out: &Path, life: u32) -> PathBuf {
+    if life <= 1 {
+        return out.to_owned();
+    }
+    let mut name = out.as_os_str().to_owned();
+    name.push(format!("-{life}"));
+    name.into()
+}
+
+impl<'a> Book<'a> {
+    fn open(args: &'a AttachArgs, config: &'a RunConfig) -> anyhow::Result<Self> {
+        let mut book = Self {
+            args,
+            config,
+            run: None,
+            life: 0,
+            messages: 0,
+            told_at: WallInstant::now(),
+            is_lost: false,
+            damaged_frames: 0,
+            fault: None,
+        };
+        if args.resume {
+            let stored = |life: &u32| folder(&args.out, *life).join(JOURNAL).exists();
+            book.life = (1..).take_while(stored).last().unwrap_or(0);
+            let none = || format!("{}: nothing to resume, there is no {JOURNAL}", args.out.display());
+            anyhow::ensure!(book.life > 0, none());
+            book.run = Some(RobotRun::resume(&folder(&args.out, book.life), config, args.seed)?);
+        } else {
+            std::fs::create_dir_all(&args.out)
+                .with_context(|| format!("{}: cannot be used as output folder", args.out.display()))?;
+        }
+        Ok(book)
+    }
+
+    fn say(&self, text: &str) {
+        if !self.args.quiet {
+            say(text);
+        }
+    }
+
+    fn take(&mut self, event: LinkEvent<'_>) {
+        match event {
+            LinkEvent::Open => {
+                self.is_lost = false;
+                self.say(&format!("{} is open", self.args.port));
+            }
+            LinkEvent::Gone(error) => {
+                if !self.is_lost {
+                    self.say(&format!("{}: {error}; trying again", self.args.port));
+                }
+                self.is_lost = true;
+            }
+            LinkEvent::Robot(RobotEvent::NewRobot) => self.say("a robot is there"),
+            LinkEvent::Robot(RobotEvent::Status(status)) => {
+                self.run.iter_mut().for_each(|run| run.set_status(&status));
+            }
+            LinkEvent::Robot(RobotEvent::OtherVersion(version)) => {
+                self.fail(anyhow!("the robot speaks version {version} of the robot link, this program {VERSION}"));
+            }
+            LinkEvent::Robot(RobotEvent::Message(told)) => self.take_told(&told),
+        }
+    }
+
+    /// The first fault ends the run.
+    fn fail(&mut self, fault: anyhow::Error) {
+        self.fault.get_or_insert(fault);
+    }
+
+    fn take_told(&mut self, told: &Told<'_>) {
+        self.messages += 1;
+        let known = self.run.as_ref().and_then(RobotRun::progress);
+        if known.is_none_or(|known| known.epoch != told.at.epoch) {
+            self.begin_life();
+        }
+        let stored = self.run.as_mut().map_or(Ok(()), |run| run.take(told));
+        stored.unwrap_or_else(|fault| self.fail(fault));
+        match told.message() {
+            Some(FromRobot::Identity(identity)) => {
+                let state = if identity.is_configured { "mapping already" } else { "waiting" };
+                self.say(&format!(
+                    "{}: {state}, memory for {} particles",
+                    identity.board, identity.capacities.particles
+                ));
+            }
+            Some(FromRobot::Said(words)) => self.say(words),
+            Some(FromRobot::Refused(reason)) => self.fail(anyhow!("the robot refuses: {reason} (see --restart)")),
+            _ => {}
+        }
+    }
+
+    /// A robot that was not there before: what is known of the last one is written, and a new folder begun.
+    fn begin_life(&mut self) {
+        if self.run.is_some() {
+            self.say("the robot has started anew");
+            self.close(Some(&anyhow!("the robot started anew")));
+        }
+        self.life += 1;
+        match RobotRun::open(&folder(&self.args.out, self.life), self.config, self.args.seed) {
+            Ok(run) => self.run = Some(run),
+            Err(fault) => self.fail(fault),
+        }
+    }
+
+    /// Writes what is known of the robot's life.
+    fn close(&mut self, why: Option<&anyhow::Error>) {
+        let Some(run) = self.run.take() else { return };
+        let why = why.or(self.fault.as_ref());
+        let done = run.finish(&self.args.port.to_string(), self.damaged_frames, why).and_then(|report| {
+            let text = summary(&report, &folder(&self.args.out, self.life));
+            print(&text).map_err(|_| anyhow!("standard output cannot be written"))
+        });
+        done.unwrap_or_else(|fault| self.fail(fault));
+    }
+
+    fn is_enough(&self) -> bool {
+        let Some(run) = &self.run else { return self.fault.is_some() };
+        let scans = run.map().scans();
+        let ends = scans.first().zip(scans.last());
+        let seconds = ends.map_or(0.0, |(first, last)| last.stamp.since(first.stamp).micros as f64 * 1e-6);
+        self.fault.is_some()
+            || self.args.scans.is_some_and(|enough| scans.len() >= enough)
+            || self.args.seconds.is_some_and(|enough| seconds >= enough)
+    }
+
+    fn tell_now_and_then(&mut self) {
+        let Some(run) = self.run.as_ref().filter(|_| self.told_at.elapsed() >= TELL_EVERY) else { return };
+        self.told_at = WallInstant::now();
+        let Status { map_from_robot, scans, particles, tiles, .. } = run.status();
+        let closures = run.high_counts().map_or(String::new(), |high| format!(", {} loops closed", high.closures));
+        self.say(&format!(
+            "{scans} scans, {} here; robot at {:.2} m, {:.2} m, {:.0}°; {particles} particles in {tiles} tiles{closures}",
+            run.map().scans().len(),
+            map_from_robot.x,
+            map_from_robot.y,
+            map_from_robot.heading.to_degrees(),
+        ));
+    }
+}

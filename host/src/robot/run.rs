@@ -1,0 +1,153 @@
+//! One life of a robot, from its start or from when this host came to the end: what it tells goes to disk, then into path and map.
+
+use std::path::Path;
+
+use anyhow::Context as _;
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::wire::message::{FromRobot, Status};
+use lrfslam_core::wire::session::Progress;
+
+use super::client::Told;
+use super::journal::{JOURNAL, Journal};
+use super::map::RobotMap;
+use crate::config::RunConfig;
+use crate::high_slam::HighCounts;
+use crate::map_io::{PGM_SIDE_MAX, pgm, yaml};
+use crate::map_run::Run;
+use crate::output::write_file;
+use crate::run_report::{RobotCounts, RunReport, Source};
+
+/// See the [module](super).
+#[derive(Debug)]
+pub struct RobotRun {
+    config: RunConfig,
+    robot_from_lrf: Pose2,
+    run: Run<RobotMap>,
+    journal: Journal,
+    /// How far the robot's messages have come.
+    progress: Option<Progress>,
+    board: String,
+    status: Status,
+}
+
+impl RobotRun {
+    /// A robot of which nothing is known yet, with results and journal in `out`.
+    ///
+    /// # Errors
+    /// If the folder cannot be used.
+    pub fn open(out: &Path, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
+        let run = Run::open_told(out, config, seed)?;
+        let journal = Journal::create(&out.join(JOURNAL))?;
+        Ok(Self::new(config, run, journal))
+    }
+
+    /// Goes on with what the journal in `out` holds.
+    ///
+    /// # Errors
+    /// If the folder cannot be used, or the journal not be read.
+    pub fn resume(out: &Path, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
+        let mut told = Vec::new();
+        let journal = Journal::resume(&out.join(JOURNAL), |message| told.push((message.at, message.bytes.to_vec())))?;
+        let mut run = Self::new(config, Run::open_told(out, config, seed)?, journal);
+        told.iter().for_each(|(at, bytes)| run.hear(&Told { at: *at, bytes }));
+        Ok(run)
+    }
+
+    fn new(config: &RunConfig, run: Run<RobotMap>, journal: Journal) -> Self {
+        Self {
+            config: *config,
+            robot_from_lrf: config.robot_from_lrf(),
+            run,
+            journal,
+            progress: None,
+            board: String::new(),
+            status: Status::default(),
+        }
+    }
+
+    /// Takes a message; it is on disk when this returns.
+    ///
+    /// # Errors
+    /// If the journal cannot be written; the message is taken nevertheless.
+    pub fn take(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
+        let stored = self.journal.add(told);
+        self.hear(told);
+        stored.with_context(|| format!("{}: cannot be written", self.run.out().join(JOURNAL).display()))
+    }
+
+    fn hear(&mut self, told: &Told<'_>) {
+        self.progress = Some(Progress { epoch: told.at.epoch, next: told.at.next.wrapping_add(1) });
+        let Some(message) = told.message() else { return };
+        if let FromRobot::Identity(identity) = &message {
+            identity.board.clone_into(&mut self.board);
+        }
+        self.run.take(&message, self.robot_from_lrf);
+    }
+
+    /// How far the robot's messages have come.
+    pub fn progress(&self) -> Option<Progress> {
+        self.progress
+    }
+
+    /// How the robot is.
+    pub fn set_status(&mut self, status: &Status) {
+        self.status = *status;
+    }
+
+    /// How the robot is, as it said last.
+    pub fn status(&self) -> &Status {
+        &self.status
+    }
+
+    /// What it has told of path and map.
+    pub fn map(&self) -> &RobotMap {
+        self.run.robot()
+    }
+
+    /// What the high level did so far, if there is one.
+    pub fn high_counts(&self) -> Option<HighCounts> {
+        self.run.high_counts()
+    }
+
+    /// Writes the results.
+    ///
+    /// * `port` — where the robot was; `damaged_frames` — of its link
+    /// * `fault` — what ended the run early, if anything did
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn finish(self, port: &str, damaged_frames: u32, fault: Option<&anyhow::Error>) -> anyhow::Result<RunReport> {
+        self.write_robot_map()?;
+        let robot = self.counts(damaged_frames);
+        self.run.finish(Source::Robot { port: port.to_owned(), robot }, false, fault)
+    }
+
+    fn counts(&self, damaged_frames: u32) -> RobotCounts {
+        let Status { untold_sweeps, refused_scans, dropped_particles, damaged, restarts, .. } = self.status;
+        RobotCounts {
+            board: self.board.clone(),
+            is_from_start: self.map().is_from_start(),
+            is_map_complete: self.map().is_complete(),
+            missing_scans: self.map().missing_scans(),
+            untold_sweeps,
+            refused_scans,
+            dropped_particles,
+            damaged,
+            restarts,
+            damaged_frames,
+        }
+    }
+
+    /// The map as the robot has it: of its best particle, in its squares.
+    fn write_robot_map(&self) -> anyhow::Result<()> {
+        let map = self.map().draw(self.config.particle_map.square_size_m, &self.config.map);
+        let Some(raster) = map.raster(PGM_SIDE_MAX) else { return Ok(()) };
+        for (name, bytes) in
+            [("robot-map.pgm", pgm(&raster)), ("robot-map.yaml", yaml(&raster, "robot-map.pgm").into_bytes())]
+        {
+            let file = self.run.out().join(name);
+            write_file(&file, &bytes).with_context(|| format!("{}: cannot be written", file.display()))?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,188 @@
+//! `lrfslam attach` to the robot's program as a process would run it, with a simulated laser on a pseudo-terminal: three parties on their
+//! own clocks.
+
+mod common;
+
+use std::fs;
+use std::net::SocketAddr;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::channel;
+use std::time::Duration;
+
+use common::{lrfslam, run};
+use lrfslam_core::robot::StandardPools;
+use lrfslam_firmware_sim::fault::FaultPlan;
+use lrfslam_firmware_sim::pty;
+use lrfslam_firmware_sim::robot_process::{HostLine, Wiring, serve};
+use lrfslam_firmware_sim::scenario::Scenario;
+use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
+use lrfslam_host::trajectory::{TimedPose, read_trajectory};
+
+/// A robot and its laser, until dropped.
+struct Bench {
+    stop: Arc<AtomicBool>,
+    threads: Vec<std::thread::JoinHandle<()>>,
+    /// As for `--port`.
+    port: String,
+}
+
+impl Bench {
+    /// The host's line is a pseudo-terminal in `folder`, or TCP; so many of its frames are damaged.
+    fn new(folder: &Path, is_tcp: bool, damage: f32) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let laser = folder.join("laser");
+        let terminal = folder.join("robot");
+        let host = match is_tcp {
+            true => HostLine::Tcp(SocketAddr::from(([127, 0, 0, 1], 0))),
+            false => HostLine::Terminal(terminal.clone()),
+        };
+        let wiring = Wiring { laser: laser.clone(), host, faults: (damage, 5) };
+        let (say, said) = channel();
+        let flags = [stop.clone(), stop.clone()];
+        let [laser_stop, robot_stop] = flags;
+        let lasers = std::thread::spawn(move || {
+            let scene = Scenario::load("floor").expect("comes with the program").scene();
+            let mut device = VirtualHokuyo::new(HokuyoModel::urg_04lx_ug01(), Box::new(scene), 1);
+            let served = pty::serve(&mut device, &laser, FaultPlan::default(), 1, &mut pty::wall_clock(), &laser_stop);
+            served.expect("a pseudo-terminal");
+        });
+        let robots = std::thread::spawn(move || {
+            let say = std::sync::Mutex::new(say);
+            let say = |text: &str| {
+                let _ = say.lock().unwrap().send(text.to_owned());
+            };
+            serve::<StandardPools>(&wiring, &robot_stop, &say).expect("its line");
+        });
+        let port = if is_tcp {
+            let first = said.recv_timeout(Duration::from_secs(20)).expect("it says where it listens");
+            format!("tcp:{}", first.strip_prefix("listening at ").expect("it says where it listens"))
+        } else {
+            (0..1000).find(|_| {
+                terminal.exists() || {
+                    std::thread::sleep(Duration::from_millis(20));
+                    false
+                }
+            });
+            terminal.display().to_string()
+        };
+        Self { stop, threads: vec![lasers, robots], port }
+    }
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.threads.drain(..).for_each(|thread| thread.join().expect("no panic"));
+    }
+}
+
+/// The robot drives straight ahead; every scan is there once.
+fn check_path(path: &[TimedPose]) {
+    for pair in path.windows(2) {
+        let gap = pair[1].stamp.since(pair[0].stamp).micros;
+        assert!((50_000..150_000).contains(&gap), "{gap} µs between scans");
+        let step = pair[0].map_from_robot.between(pair[1].map_from_robot);
+        assert!(step.position().norm() < 0.25, "{step:?}");
+    }
+    let last = path.last().expect("a path").map_from_robot;
+    assert!(last.y.abs() < 0.2 && last.heading.abs() < 0.1, "{last:?}");
+}
+
+fn report(out: &Path) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(out.join("run.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn a_robot_is_configured_heard_stopped_and_let_go() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = Bench::new(folder.path(), true, 0.0);
+    let arguments = ["attach", "--port", &bench.port, "--lrf", "hokuyo", "--out", "map", "--scans", "60"];
+    let (code, stdout, stderr) = run(folder.path(), &arguments);
+    assert_eq!(code, 0, "{stderr}");
+    assert!(stdout.ends_with("results in map\n"), "{stdout}");
+    assert!(stderr.contains("laser is URG-04LX-UG01") && stderr.contains("laser is off"), "{stderr}");
+    let out = folder.path().join("map");
+    let mut names: Vec<_> = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    names.sort();
+    let written = ["map.pgm", "map.png", "map.yaml", "robot-map.pgm", "robot-map.yaml", "robot.journal", "run.json"];
+    for name in written.into_iter().chain(["trajectory.tum"]) {
+        assert!(names.iter().any(|found| found == name), "{name} is not in {names:?}");
+    }
+    let path = read_trajectory(&out.join("trajectory.tum")).unwrap();
+    assert!(path.len() >= 60, "{}", path.len());
+    check_path(&path);
+    let report = report(&out);
+    let robot = &report["robot"];
+    assert_eq!((&robot["is_from_start"], &robot["is_map_complete"]), (&true.into(), &true.into()));
+    assert_eq!(
+        (&robot["missing_scans"], &robot["untold_sweeps"], &report["partial"]),
+        (&0.into(), &0.into(), &false.into())
+    );
+    assert!(
+        report["beams"]["hits"].as_u64() > Some(2000) && report["high"]["scans_kept"].as_u64() > Some(4),
+        "{report}"
+    );
+    // Let go, it takes another configuration, and begins another map.
+    let arguments = [
+        "attach",
+        "--port",
+        &bench.port,
+        "--lrf",
+        "hokuyo",
+        "--out",
+        "next",
+        "--scans",
+        "5",
+        "--particles",
+        "20",
+        "-q",
+    ];
+    let (code, stdout, stderr) = run(folder.path(), &arguments);
+    assert_eq!((code, stderr.as_str()), (0, ""));
+    assert!(stdout.ends_with("results in next\n"), "{stdout}");
+    let first = read_trajectory(&folder.path().join("next/trajectory.tum")).unwrap()[0];
+    assert!(first.map_from_robot.position().norm() < 0.1 && first.stamp > path[path.len() - 1].stamp, "{first:?}");
+}
+
+#[test]
+fn a_host_that_is_killed_goes_on_where_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = Bench::new(folder.path(), false, 0.02);
+    let arguments = ["attach", "--port", &bench.port, "--lrf", "hokuyo", "--out", "map", "-q"];
+    let journal = folder.path().join("map/robot.journal");
+    let mut host = lrfslam(folder.path(), &arguments).spawn().unwrap();
+    // Until some scans are stored.
+    let is_there = (0..3000).any(|_| {
+        std::thread::sleep(Duration::from_millis(20));
+        fs::metadata(&journal).is_ok_and(|journal| journal.len() > 60_000)
+    });
+    host.kill().unwrap();
+    host.wait().unwrap();
+    assert!(is_there, "nothing came");
+    std::thread::sleep(Duration::from_millis(500));
+    let (code, _, stderr) = run(folder.path(), &[&arguments[..], &["--resume", "--scans", "80"]].concat());
+    assert_eq!((code, stderr.as_str()), (0, ""));
+    let path = read_trajectory(&folder.path().join("map/trajectory.tum")).unwrap();
+    assert!(path.len() >= 80, "{}", path.len());
+    check_path(&path);
+    let report = report(&folder.path().join("map"));
+    assert_eq!((&report["robot"]["missing_scans"], &report["robot"]["is_from_start"]), (&0.into(), &true.into()));
+}
+
+#[test]
+fn what_cannot_be_attached_to_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, _, stderr) = run(folder.path(), &["attach", "--port", "x", "--lrf", "hokuyo", "--resume"]);
+    assert_eq!((code, stderr.as_str()), (2, "lrfslam: robot-map: nothing to resume, there is no robot.journal\n"));
+    fs::create_dir(folder.path().join("robot-map")).unwrap();
+    fs::write(folder.path().join("robot-map/robot.journal"), "something else").unwrap();
+    let (code, _, stderr) = run(folder.path(), &["attach", "--port", "x", "--lrf", "hokuyo", "--resume"]);
+    assert!(code == 2 && stderr.contains("robot-map/robot.journal: expected a robot's journal"), "{stderr}");
+    let (code, _, stderr) = run(folder.path(), &["attach", "--port", "x", "--lrf", "ld06"]);
+    assert!(code == 2 && stderr.contains("hokuyo"), "{stderr}");
+    let set = ["attach", "--port", "x", "--lrf", "hokuyo", "--set", "report.sweep_distance_m=-1"];
+    let (code, _, stderr) = run(folder.path(), &set);
+    assert!(code == 2 && stderr.contains("report.sweep_distance_m is -1.0, expected 0.0 to 10.0"), "{stderr}");
+}
