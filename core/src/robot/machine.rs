@@ -317,7 +317,10 @@ impl<'m> Robot<'m> {
 
     /// Queues what there is to say, most important first, and sends what the port has room for.
     fn tell_host(&mut self, now: Instant, ports: &mut impl Ports) {
-        let _ = self.queue_messages();
+        // Who comes now is to meet the robot that it will be.
+        if self.restart_at == NEVER {
+            let _ = self.queue_messages();
+        }
         if self.link.is_live() && now >= self.status_at {
             self.status_at = now + STATUS_EVERY;
             self.link.send_latest(&Status { now, health: ports.health(), ..self.status });

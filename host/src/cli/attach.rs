@@ -162,7 +162,6 @@ fn end(link: &mut RobotLink<'_>, book: &mut Book<'_>) {
     let mut is_gone = link.client().release().is_err();
     while !is_gone && started.elapsed() < FAREWELL {
         link.serve(LISTEN, &mut |event| is_gone |= matches!(event, LinkEvent::Robot(RobotEvent::NewRobot)));
-        is_gone |= link.client().session().is_idle();
     }
 }
 
