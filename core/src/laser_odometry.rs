@@ -174,6 +174,27 @@ impl<'m> LaserOdometry<'m> {
         &self.ndt
     }
 
+    /// Puts the robot at `map_from_robot` and forgets the reference; to be followed by [`refer_to`](Self::refer_to). What is known of
+    /// its motion stays.
+    ///
+    /// For a high level that has corrected the map.
+    pub fn restart_at(&mut self, map_from_robot: Pose2) {
+        self.ndt.clear();
+        self.key_count = 0;
+        self.key_scans.fill(KeyScan::default());
+        self.map_from_robot = map_from_robot;
+        self.map_from_key = map_from_robot;
+    }
+
+    /// Extends the reference by a scan that was taken at `map_from_scan`; returns how many points found no room.
+    ///
+    /// # Errors
+    /// [`PointCapacityError`] if the scan has more points than the memory lent; nothing has changed then.
+    pub fn refer_to(&mut self, sweep: &Sweep<'_>, map_from_scan: Pose2) -> Result<u32, PointCapacityError> {
+        let hits = filter::hits(sweep, self.hits)?;
+        Ok(self.ndt.insert(hits, map_from_scan).dropped)
+    }
+
     /// Matches the next scan.
     ///
     /// * `robot_from_lrf` — where the laser sits on the robot

@@ -106,6 +106,25 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
         &self.odometry
     }
 
+    /// Puts the robot at `map_from_robot` and forgets the map; to be followed by [`refer_to`](Self::refer_to) for every scan of the new one.
+    ///
+    /// For a high level that has corrected the map: all particles go on from one pose, in one map.
+    pub fn restart_at(&mut self, map_from_robot: Pose2) {
+        self.odometry.restart_at(map_from_robot);
+        self.filter.restart_at(map_from_robot);
+        self.map_from_step = Some(map_from_robot);
+        self.map_from_best = map_from_robot;
+        self.undetermined = None;
+    }
+
+    /// Extends the new map by a scan that was taken at `map_from_scan`; returns how many points and squares found no room.
+    ///
+    /// # Errors
+    /// [`ScanCapacityError`] if the scan is larger than the memory lent.
+    pub fn refer_to(&mut self, sweep: &Sweep<'_>, map_from_scan: Pose2) -> Result<u32, ScanCapacityError> {
+        Ok(self.odometry.refer_to(sweep, map_from_scan)? + self.filter.refer_to(sweep, map_from_scan)?)
+    }
+
     /// Takes the next scan.
     ///
     /// * `robot_from_lrf` — where the laser sits on the robot
@@ -120,7 +139,7 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
         robot_from_lrf: Pose2,
         displacement: Option<Pose2>,
         rng: &mut impl Rng,
-        weigh: impl FnOnce(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
+        weigh: impl FnMut(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
     ) -> Result<StepReport, ScanCapacityError> {
         let odometry = self.odometry.step(scan, robot_from_lrf, displacement, rng)?;
         let matched = &odometry.matched;

@@ -19,6 +19,9 @@ pub struct LogArgs {
     /// Where it is: room, floor, office, demo, corridor, loop, a world file, or the YAML of a ROS map
     #[arg(long, value_name = "NAME|FILE")]
     world: String,
+    /// Drive on to here after the route; may be given more than once
+    #[arg(long, value_name = "X,Y", value_parser = place)]
+    then: Vec<[f64; 2]>,
     /// The laser
     #[arg(long, default_value = "lms200", value_parser = model)]
     lrf: LrfModel,
@@ -61,7 +64,7 @@ pub struct LogArgs {
 }
 
 pub fn run(args: &LogArgs) -> Result<()> {
-    let scenario = Scenario::load(&args.world)?;
+    let scenario = Scenario::load(&args.world)?.driving_on(&args.then).context("--then")?;
     let pace = match args.scans {
         Some(count) => Pace::Count(count),
         None => Pace::Rate { hz: args.rate, seconds: args.seconds },
@@ -119,6 +122,12 @@ impl LogArgs {
         }
         Ok(lrf)
     }
+}
+
+/// Two numbers, m.
+fn place(text: &str) -> Result<[f64; 2], String> {
+    let numbers = text.split_once(',').and_then(|(x, y)| Some([x.trim().parse().ok()?, y.trim().parse().ok()?]));
+    numbers.ok_or_else(|| "expected X,Y in metres, e.g. 29.5,9.5".to_owned())
 }
 
 /// A model by its name.

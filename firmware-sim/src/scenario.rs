@@ -14,7 +14,7 @@ use crate::people::{Person, PersonPlan};
 use crate::raycast::RayCaster;
 use crate::scene::RobotScene;
 use crate::world::World;
-use crate::world::building::{Block, CurvedWall, Panel, Part, PartFault, Polygon, Slab, check};
+use crate::world::building::{Block, CurvedWall, Panel, Part, PartFault, Place, Polygon, Slab, check};
 use crate::world::office::Office;
 use crate::world::ros_map::{RosMapError, add_map};
 use crate::world::wall::{Corridor, Room, Wall};
@@ -152,6 +152,18 @@ impl Scenario {
         }
         let text = std::fs::read_to_string(path).map_err(|why| ScenarioError::Read { file: path.into(), why })?;
         Self::parse(&text, name, path.parent().unwrap_or(Path::new("")))
+    }
+
+    /// The same, the robot driving on to `places` after its route, m.
+    ///
+    /// # Errors
+    /// If that cannot be driven.
+    pub fn driving_on(mut self, places: &[Place]) -> Result<Self, PartFault> {
+        if !places.is_empty() {
+            self.robot.route.extend(places);
+            self.drive = Drive::new(&self.robot)?;
+        }
+        Ok(self)
     }
 
     /// A world from the text of a file.

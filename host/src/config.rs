@@ -24,7 +24,7 @@ use lrfslam_core::slam::StepConfig;
 use lrfslam_core::time::Duration;
 use serde::{Deserialize, Serialize};
 
-use crate::high_slam::{ClosureConfig, HighConfig, HighConfigs, SegmentConfig};
+use crate::high_slam::{ClosureConfig, HighConfig, HighConfigs, HighParticlesConfig, SegmentConfig};
 use crate::log::LogOptions;
 use crate::mapper::MemoryConfig;
 use crate::occupancy_map::MapConfig;
@@ -70,7 +70,20 @@ lrfslam_core::config! {
     pub struct HierarchyConfig {
         /// 0: scan matching alone. 1: particles over whole maps, DP-SLAM's low level. 2: loops closed between segments of its path.
         levels: u16 = 2, in 0..=2;
+        /// What closes loops at level 2. The thesis: "particles".
+        closing: Closing = Closing::Graph;
     }
+}
+
+lrfslam_core::config_choice! {
+    /// What closes loops.
+    pub enum Closing {
+        /// Places recognised, and a graph of poses.
+        Graph = "graph",
+        /// Particles that are histories of segments (the thesis).
+        Particles = "particles",
+    }
+    choices "\"graph\" or \"particles\""
 }
 
 /// Declares the sections of the configuration, in the order in which they are printed.
@@ -136,6 +149,8 @@ run_config! {
     segment: SegmentConfig,
     /// Closing of loops.
     closure: ClosureConfig,
+    /// Particles of the high level.
+    high_particles: HighParticlesConfig,
     /// Memory.
     memory: MemoryConfig,
     /// When the robot is too fast.
@@ -326,6 +341,16 @@ impl RunConfig {
         HighConfigs { high: self.high, segment: self.segment, closure: self.closure, ndt: self.ndt }
     }
 
+    /// What core's particle filter works with at the high level, if loops are closed by particles.
+    pub fn high_particles(&self) -> Option<LowSlamConfigs> {
+        let HighParticlesConfig { particles, samples_per_particle, sigma_m, gain, .. } = self.high_particles;
+        (self.hierarchy.levels > 1 && self.hierarchy.closing == Closing::Particles).then(|| LowSlamConfigs {
+            filter: LowSlamConfig { particles, samples_per_particle, ..self.particles },
+            perception: PerceptionConfig { sigma_m, gain, ..self.perception },
+            ..self.low_slam()
+        })
+    }
+
     /// The configured mounting of the laser, for logs that do not tell it.
     pub fn robot_from_lrf(&self) -> Pose2 {
         let mounting = &self.mounting;
@@ -430,10 +455,9 @@ mod tests {
     fn wrong_overrides_name_themselves() {
         let error = |o: &str| load("", &[o]).unwrap_err();
         assert!(error("map.cell=1").contains("--set map.cell=1: unknown field `cell`"));
-        assert!(
-            error("mapp.cell_size_m=1")
-                .contains("there is no section `mapp`, expected one of closure, de, filter, hierarchy, high, log, map")
-        );
+        assert!(error("mapp.cell_size_m=1").contains(
+            "there is no section `mapp`, expected one of closure, de, filter, hierarchy, high, high_particles, log, map"
+        ));
         assert!(error("cell_size_m").contains("expected section.key=value"));
         assert!(error("map.cell_size_m=wide").contains("invalid type"));
         assert!(error("map.cell_size_m=9").contains("map.cell_size_m is 9.0"));

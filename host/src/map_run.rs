@@ -12,15 +12,15 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_core::laser_odometry;
 use lrfslam_core::matcher::Match;
 use lrfslam_core::scan::{Echo, RangeScan};
-use lrfslam_core::slam::StepReport;
+use lrfslam_core::slam::{ScanCapacityError, StepReport};
 use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::Instant;
 use lrfslam_core::wire::message::{FromRobot, ScanPose};
 
 use crate::config::RunConfig;
-use crate::high_slam::{HighCounts, HighSlam, LowPose};
+use crate::high_slam::{Correction, HighCounts, HighParticles, HighSlam, LowPose};
 use crate::map_io::{PGM_SIDE_MAX, write_map};
-use crate::mapper::{Mapper, MapperMemory, MatchCounts};
+use crate::mapper::{Mapper, MapperMemory, MatchCounts, ParticlePools};
 use crate::occupancy_map::OccupancyMap;
 use crate::output::{PendingFile, write_file};
 use crate::picture::write_picture;
@@ -40,6 +40,15 @@ struct ScanPlace {
 
 /// What places scans.
 pub trait LowLevel {
+    /// True if it can go on in a map that the high level has corrected.
+    const CAN_BE_CORRECTED: bool;
+
+    /// Goes on in a map of nothing but the scans that `correction` names among `scans`; its [`path`](Self::path) begins anew. Does
+    /// nothing if it [cannot be corrected](Self::CAN_BE_CORRECTED).
+    ///
+    /// # Errors
+    /// If a scan has more points or beams than there is memory for.
+    fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> Result<(), ScanCapacityError>;
     /// Poses of the best particle at every step that the filter took; empty for matching alone.
     fn path(&self) -> Vec<Pose2>;
     /// True if particles correct what matching finds.
@@ -49,16 +58,32 @@ pub trait LowLevel {
 }
 
 /// A map of scans that this computer places.
-pub type MapRun<'m> = Run<Mapper<'m>>;
+pub type MapRun<'m> = Run<'m, Mapper<'m>>;
+
+/// The memory that a [`MapRun`] works in; that of its particles is fixed from the start.
+#[derive(Debug)]
+pub struct RunMemory {
+    mapper: MapperMemory,
+    /// Of the high level's particles, if it has any.
+    high: Option<ParticlePools>,
+}
+
+impl RunMemory {
+    /// As much as `config` says. `threads` share the work, at least one; results do not depend on them.
+    pub fn new(config: &RunConfig, threads: usize) -> Self {
+        let high = config.high_particles().map(|filter| ParticlePools::new(&filter, &config.memory, threads));
+        Self { mapper: MapperMemory::new(config, threads), high }
+    }
+}
 
 /// See the [module](self).
 #[derive(Debug)]
-pub struct Run<L> {
+pub struct Run<'m, L> {
     config: RunConfig,
     seed: u64,
     out: PathBuf,
     low: L,
-    high: Option<HighSlam>,
+    high: Option<HighSlam<'m>>,
     /// Drawn on the way by matching alone, whose path does not change.
     map: OccupancyMap,
     /// Drawn at the end, from where the best particle was; a high level keeps its own.
@@ -81,8 +106,13 @@ impl<'m> MapRun<'m> {
     ///
     /// # Errors
     /// If the folder cannot be used, or the memory does not fit the configuration.
-    pub fn open(out: &Path, config: &RunConfig, seed: u64, memory: &'m mut MapperMemory) -> anyhow::Result<Self> {
-        Self::with(out, config, seed, || Ok(Mapper::new(config, seed, memory)?))
+    pub fn open(out: &Path, config: &RunConfig, seed: u64, memory: &'m mut RunMemory) -> anyhow::Result<Self> {
+        let RunMemory { mapper, high } = memory;
+        let particles = config.high_particles().zip(high.as_mut());
+        let particles = particles
+            .map(|(filter, pools)| HighParticles::new(&config.high_particles, &filter, seed, pools))
+            .transpose()?;
+        Self::with(out, config, seed, particles, || Ok(Mapper::new(config, seed, mapper)?))
     }
 
     /// Maps one scan. A scan that cannot be believed is not drawn.
@@ -110,34 +140,43 @@ impl<'m> MapRun<'m> {
         }
         let step_from_robot = self.map_from_step.between(step.map_from_robot);
         let place = ScanPlace { stamp: scan.stamp, step: self.step_count.saturating_sub(1), step_from_robot };
-        self.place(&sweep, &low_pose(&step.odometry), place, step.filter.is_some());
+        self.place(&sweep, &low_pose(&step.odometry), place, step.filter.is_some())?;
         self.working += started.elapsed();
         Ok(step)
     }
 }
 
-impl Run<RobotMap> {
+impl Run<'_, RobotMap> {
     /// An empty map of scans that a robot places; the rest as [`MapRun::open`].
     ///
     /// # Errors
-    /// If the folder cannot be used.
+    /// If the folder cannot be used, or loops are to be closed by particles.
     pub fn open_told(out: &Path, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
-        Self::with(out, config, seed, || Ok(RobotMap::default()))
+        let particles = config.high_particles().is_some();
+        anyhow::ensure!(
+            !particles,
+            "hierarchy.closing is \"particles\", expected \"graph\" with a robot that does the SLAM itself"
+        );
+        Self::with(out, config, seed, None, || Ok(RobotMap::default()))
     }
 
     /// Takes what a robot says of path and map; a scan is placed where it says, with its beams if they were told before.
-    pub fn take(&mut self, message: &FromRobot<'_>, robot_from_lrf: Pose2) {
+    ///
+    /// # Errors
+    /// If a scan is too large for the high level.
+    pub fn take(&mut self, message: &FromRobot<'_>, robot_from_lrf: Pose2) -> anyhow::Result<()> {
         let started = WallInstant::now();
         self.low.take(message);
         match message {
             FromRobot::Sweep(part) => self.sweeps.take_part(part),
-            FromRobot::Scan(pose) => self.take_pose(pose, robot_from_lrf),
+            FromRobot::Scan(pose) => self.take_pose(pose, robot_from_lrf)?,
             _ => {}
         }
         self.working += started.elapsed();
+        Ok(())
     }
 
-    fn take_pose(&mut self, pose: &ScanPose, robot_from_lrf: Pose2) {
+    fn take_pose(&mut self, pose: &ScanPose, robot_from_lrf: Pose2) -> anyhow::Result<()> {
         let told = self.sweeps.taken_at(pose.stamp);
         let silent = RangeScan { stamp: pose.stamp, range_max_m: 0.0, beams: &[] };
         let sweep = match &told {
@@ -147,7 +186,7 @@ impl Run<RobotMap> {
         let low = LowPose { map_from_robot: pose.odometry, undetermined: pose.undetermined, is_lost: pose.is_lost };
         // To the robot's path every scan is a step.
         let place = ScanPlace { stamp: pose.stamp, step: self.places.len(), step_from_robot: Pose2::IDENTITY };
-        self.place(&sweep, &low, place, told.is_some());
+        self.place(&sweep, &low, place, told.is_some())
     }
 
     /// What the robot has told.
@@ -156,22 +195,25 @@ impl Run<RobotMap> {
     }
 }
 
-impl<L: LowLevel> Run<L> {
+impl<'m, L: LowLevel> Run<'m, L> {
     fn with(
         out: &Path,
         config: &RunConfig,
         seed: u64,
+        particles: Option<HighParticles<'m>>,
         low: impl FnOnce() -> anyhow::Result<L>,
     ) -> anyhow::Result<Self> {
         let unusable = || format!("{}: cannot be used as output folder", out.display());
         fs::create_dir_all(out).with_context(unusable)?;
         let trajectory_file = PendingFile::create(&out.join("trajectory.tum")).with_context(unusable)?;
+        let mut high = config.high_slam();
+        high.high.feedback &= L::CAN_BE_CORRECTED;
         Ok(Self {
             config: *config,
             seed,
             out: out.to_owned(),
             low: low()?,
-            high: (config.hierarchy.levels > 1).then(|| HighSlam::new(&config.high_slam())),
+            high: (config.hierarchy.levels > 1).then(|| HighSlam::new(&high, particles)),
             map: OccupancyMap::new(config.map),
             scans: ScanStore::default(),
             drawn: Vec::new(),
@@ -189,15 +231,18 @@ impl<L: LowLevel> Run<L> {
     /// Keeps a scan that the low level has placed.
     ///
     /// * `is_drawn` — the map is drawn from this one too, if there is no high level
-    fn place(&mut self, sweep: &Sweep<'_>, low: &LowPose, place: ScanPlace, is_drawn: bool) {
+    fn place(&mut self, sweep: &Sweep<'_>, low: &LowPose, place: ScanPlace, is_drawn: bool) -> anyhow::Result<()> {
         if let Some(high) = &mut self.high {
-            high.add_scan(sweep, low);
+            if let Some(correction) = high.add_scan(sweep, low)? {
+                self.low.correct(&correction, high.scans())?;
+            }
         } else if is_drawn {
             self.scans.add(sweep);
             self.drawn.push(self.places.len());
         }
         self.places.push(place);
         self.beams.add(&sweep.scan);
+        Ok(())
     }
 
     /// Where the robot was at every scan, as the highest level now has it.

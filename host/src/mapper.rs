@@ -1,11 +1,10 @@
 //! The seam between a stream of scans and the SLAM: scans in, poses of the robot out.
 
-use lrfslam_core::distributed_map::{Window, WindowMemoryError};
+use lrfslam_core::distributed_map::WindowMemoryError;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::laser_odometry::{self, LaserOdometry};
-use lrfslam_core::low_slam::{LowSlam, LowSlamMemoryError, Weighing};
+use lrfslam_core::low_slam::{LowSlam, LowSlamMemoryError};
 use lrfslam_core::ndt::NdtMemoryError;
-use lrfslam_core::particles::Sample;
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::slam::{ScanCapacityError, Slam, StepReport};
 use rand_core::SeedableRng as _;
@@ -15,12 +14,16 @@ use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use crate::config::RunConfig;
 use crate::genealogy::Genealogy;
+use crate::high_slam::Correction;
 use crate::map_run::LowLevel;
+use crate::scan_store::ScanStore;
 
 mod memory;
+mod threads;
 
-pub use memory::{MapperMemory, MemoryConfig};
-use memory::{SIDE, WindowSlots};
+pub use memory::{MapperMemory, MemoryConfig, ParticlePools};
+pub(crate) use memory::{SIDE, WindowSlots};
+pub(crate) use threads::weigh_on_threads;
 
 /// Turns scans into poses.
 #[derive(Debug)]
@@ -155,6 +158,26 @@ impl<'m> Mapper<'m> {
 }
 
 impl LowLevel for Mapper<'_> {
+    const CAN_BE_CORRECTED: bool = true;
+
+    fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> Result<(), ScanCapacityError> {
+        let Correction { map_from_robot, reference } = correction;
+        match &mut self.engine {
+            Engine::Matcher(matcher) => matcher.restart_at(*map_from_robot),
+            Engine::DpSlam(engine) => engine.restart_at(*map_from_robot),
+        }
+        let mut beams = Vec::new();
+        for (map_from_scan, scan) in reference {
+            let Some(sweep) = scans.sweep(*scan as usize, &mut beams) else { continue };
+            let dropped = match &mut self.engine {
+                Engine::Matcher(matcher) => matcher.refer_to(&sweep, *map_from_scan)?,
+                Engine::DpSlam(engine) => engine.slam.refer_to(&sweep, *map_from_scan)?,
+            };
+            self.counts.dropped_points += u64::from(dropped);
+        }
+        Ok(())
+    }
+
     /// The best particle's own history.
     fn path(&self) -> Vec<Pose2> {
         match &self.engine {
@@ -173,6 +196,12 @@ impl LowLevel for Mapper<'_> {
 }
 
 impl DpSlam<'_> {
+    fn restart_at(&mut self, map_from_robot: Pose2) {
+        self.slam.restart_at(map_from_robot);
+        self.genealogy = Genealogy::default();
+        self.best = 0;
+    }
+
     fn add_scan(
         &mut self,
         scan: &RangeScan<'_>,
@@ -200,26 +229,4 @@ impl DpSlam<'_> {
         };
         Ok((step, times))
     }
-}
-
-/// Shares the particles out to the calling thread, which uses `own`, and one for each of `windows`.
-fn weigh_on_threads(
-    weighing: &Weighing<'_, '_, SIDE>,
-    samples: &mut [Sample],
-    own: &mut Window<'_>,
-    windows: &mut [WindowSlots],
-) {
-    let parts = windows.len() + 1;
-    std::thread::scope(|scope| {
-        let mut rest = samples;
-        for (part, slots) in windows.iter_mut().enumerate() {
-            let range = weighing.share(part, parts);
-            let (its, others) = rest.split_at_mut(weighing.samples_of(range.clone()));
-            rest = others;
-            // Slots that `Window::new` does not take are found out when the filter is made: they are as many there.
-            let Ok(mut window) = Window::new(slots) else { continue };
-            scope.spawn(move || weighing.weigh(range, its, &mut window));
-        }
-        weighing.weigh(weighing.share(parts - 1, parts), rest, own);
-    });
 }

@@ -162,6 +162,13 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
         })
     }
 
+    /// Gives back all tiles, whoever owns them: nobody has seen anything.
+    pub(crate) fn clear(&mut self) {
+        self.node_tiles.fill(TileId::NONE);
+        self.directory.fill(TileId::NONE);
+        (self.taken, self.free, self.used) = (1, TileId::NONE, 0);
+    }
+
     /// Tiles in use.
     pub fn tiles_used(&self) -> usize {
         self.used as usize

@@ -3,6 +3,8 @@
 //! scan → rays → **predict** every sample's pose ([`Motion`]) → **weigh** it against its map ([`PerceptionModel`]) → **resample**
 //! → **advance** the ancestry (prune, collapse, add; the map is told) → **print** the scan into the survivors' maps.
 //!
+//! The high level (figure 4.19) is the same filter: its steps take whole stretches of the path ([`LowSlam::step_along`]).
+//!
 //! # Memory
 //! All of it is lent by the caller ([`LowSlamMemory`]) and nothing grows. When tiles run out, the least likely particles go
 //! until the tree has given enough back; their places are drawn anew at the next resampling. With one particle
@@ -20,12 +22,15 @@
 //! gives the same bytes.
 
 mod pools;
+mod stretch;
 mod upkeep;
 mod weighing;
 
 pub use pools::{LowSlamPools, SmallPools};
+pub use stretch::Stretch;
 pub use weighing::{RefinementConfig, Weighing};
 
+use self::stretch::OneScan;
 use crate::ancestry::{Ancestry, AncestryMemoryError, Node, NodeId};
 use crate::distributed_map::{
     DistributedMap, MapMemory, MapMemoryError, ParticleMapConfig, TileId, Window, WindowFrame, WindowMemoryError,
@@ -143,7 +148,10 @@ pub struct StepReport {
 #[derive(Debug)]
 pub struct LowSlam<'m, const SIDE: usize> {
     config: LowSlamConfigs,
-    robot_from_lrf: Pose2,
+    /// The laser at the current scan, as seen from a particle's pose.
+    particle_from_lrf: Pose2,
+    /// Place of the current scan in its stretch.
+    scan_index: usize,
     seed: u64,
     steps: u32,
     model: PerceptionModel,
@@ -185,7 +193,8 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         *first = Particle { node: NodeId::ROOT, draws: particles_max, weight: 1.0, ..Particle::default() };
         Ok(Self {
             config: *config,
-            robot_from_lrf: Pose2::IDENTITY,
+            particle_from_lrf: Pose2::IDENTITY,
+            scan_index: 0,
             seed,
             steps: 0,
             model: PerceptionModel::new(&config.perception, config.map.square_size_m),
@@ -247,36 +256,126 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         &mut self,
         sweep: &Sweep<'_>,
         motion: &impl Motion,
-        weigh: impl FnOnce(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
+        weigh: impl FnMut(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
     ) -> Result<StepReport, RayCapacityError> {
-        self.ray_count = rays::rays_of(&self.config.rays, sweep, self.rays)?;
-        self.robot_from_lrf = sweep.robot_from_lrf;
-        let mut report = StepReport::default();
+        self.step_along(&mut OneScan(*sweep), Pose2::IDENTITY, motion, weigh)
+    }
+
+    /// One step with a whole stretch of the path, which is taken to be rigid: the high level's (figure 4.19).
+    ///
+    /// * `motion` — moves the particles to where the stretch starts; `start_from_end` — then the stretch moves them to its end
+    /// * `weigh` — as in [`step_with`](Self::step_with), called for every scan
+    ///
+    /// # Errors
+    /// [`RayCapacityError`] if a scan has more beams than memory was lent for; nothing has changed then.
+    pub fn step_along(
+        &mut self,
+        stretch: &mut impl Stretch,
+        start_from_end: Pose2,
+        motion: &impl Motion,
+        mut weigh: impl FnMut(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
+    ) -> Result<StepReport, RayCapacityError> {
+        (0..stretch.len()).try_for_each(|index| self.take(stretch, index))?;
         if self.steps == 0 {
-            self.stay_at_origin(); // "first read? all particles at x = 0, y = 0, θ = 0"
-        } else {
-            self.predict(motion); // "predict, using motion model + particles t−1"
+            let report = self.print_at(Pose2::IDENTITY, stretch); // "first read? all particles at x = 0, y = 0, θ = 0"
+            return report.map(|report| self.moved_by(start_from_end, report));
         }
-        let frame = self.frame();
-        if self.steps > 0 {
-            self.weigh(frame, weigh); // "weigh out, using perception model + low map t−1": eq. (3.39)
+        let mut report = StepReport::default();
+        self.predict(motion); // "predict, using motion model + particles t−1"
+        for index in 0..stretch.len() {
+            self.take_again(stretch, index)?;
+            let frame = self.frame();
+            self.weigh(frame, &mut weigh); // "weigh out, using perception model + low map t−1": eq. (3.39)
         }
         let weights = particles::normalise(self.samples_mut()).unwrap_or_default();
         report.resampled = self.resample(&weights); // "resampling particles"
         self.advance(); // §3.2.3.2: prune, collapse, add
-        self.print(frame, &mut report); // "print low map"
+        self.print_all(stretch, &mut report)?; // "print low map"
         self.steps = self.steps.saturating_add(1); // "t = t + 1"
         self.finish(&weights, &mut report);
-        Ok(report)
+        Ok(self.moved_by(start_from_end, report))
     }
 
-    /// One sample, which stands for all draws.
-    fn stay_at_origin(&mut self) {
+    /// Makes a scan the current one.
+    fn take(&mut self, stretch: &mut impl Stretch, index: usize) -> Result<(), RayCapacityError> {
+        if let Some((start_from_robot, sweep)) = stretch.scan(index) {
+            self.ray_count = rays::rays_of(&self.config.rays, &sweep, self.rays)?;
+            self.particle_from_lrf = start_from_robot * sweep.robot_from_lrf;
+            self.scan_index = index;
+        }
+        Ok(())
+    }
+
+    /// The same, unless it is the current one already.
+    fn take_again(&mut self, stretch: &mut impl Stretch, index: usize) -> Result<(), RayCapacityError> {
+        if self.scan_index == index { Ok(()) } else { self.take(stretch, index) }
+    }
+
+    fn print_all(&mut self, stretch: &mut impl Stretch, report: &mut StepReport) -> Result<(), RayCapacityError> {
+        for index in 0..stretch.len() {
+            self.take_again(stretch, index)?;
+            let frame = self.frame();
+            self.print(frame, report);
+        }
+        Ok(())
+    }
+
+    /// At the end of a stretch: the particles, and what is reported of them.
+    fn moved_by(&mut self, start_from_end: Pose2, report: StepReport) -> StepReport {
+        if start_from_end == Pose2::IDENTITY {
+            return report;
+        }
+        for particle in self.particles.iter_mut().take(self.particle_count) {
+            particle.map_from_robot = particle.map_from_robot * start_from_end;
+        }
+        StepReport {
+            map_from_robot: report.map_from_robot * start_from_end,
+            mean_map_from_robot: report.mean_map_from_robot * start_from_end,
+            ..report
+        }
+    }
+
+    /// Forgets all maps and gathers all particles in one at `map_from_robot`; to be followed by [`refer_to`](Self::refer_to).
+    ///
+    /// For a high level that has corrected the map.
+    pub fn restart_at(&mut self, map_from_robot: Pose2) {
+        self.keep_one();
+        self.map.clear();
+        if let Some(particle) = self.particles.first_mut() {
+            let (node, draws) = (particle.node, self.particles_max);
+            *particle = Particle { map_from_robot, node, draws, weight: 1.0, ..Particle::default() };
+        }
+    }
+
+    /// Prints a scan that was taken at `map_from_scan` into the map that all particles share; only after
+    /// [`restart_at`](Self::restart_at), before the next step. Returns the squares left out because the pool of tiles is full.
+    ///
+    /// # Errors
+    /// [`RayCapacityError`] if the scan has more beams than memory was lent for; nothing has changed then.
+    pub fn refer_to(&mut self, sweep: &Sweep<'_>, map_from_scan: Pose2) -> Result<u32, RayCapacityError> {
+        let stretch = &mut OneScan(*sweep);
+        self.take(stretch, 0)?;
+        self.keep_one();
+        let map_from_robot = self.particles.first().map_or(map_from_scan, |particle| particle.map_from_robot);
+        let report = self.print_at(map_from_scan, stretch)?;
+        self.particles.iter_mut().take(1).for_each(|particle| particle.map_from_robot = map_from_robot);
+        Ok(report.squares_left_out)
+    }
+
+    /// Puts the only particle, which stands for all draws, at `map_from_robot`, and prints the scans there.
+    fn print_at(&mut self, map_from_robot: Pose2, stretch: &mut impl Stretch) -> Result<StepReport, RayCapacityError> {
+        let draws = self.particles_max;
         self.sample_count = 1;
         if let (Some(sample), Some(particle)) = (self.samples.first_mut(), self.particles.first_mut()) {
-            *sample = Sample { map_from_robot: particle.map_from_robot, ..Sample::default() };
+            *sample = Sample { map_from_robot, draws, weight: 1.0, ..Sample::default() };
             particle.samples = [0, 1];
         }
+        let mut report = StepReport::default();
+        self.advance();
+        self.print_all(stretch, &mut report)?;
+        self.steps = self.steps.saturating_add(1);
+        self.finish(&Weights { effective_sample_size: 1.0, ..Weights::default() }, &mut report);
+        Ok(report)
     }
 
     /// Every draw of a particle tries its samples' poses, each with its own random stream.
@@ -301,9 +400,9 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     fn weigh(
         &mut self,
         frame: WindowFrame,
-        weigh: impl FnOnce(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
+        weigh: &mut impl FnMut(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
     ) {
-        let first_ray = self.steps as usize % usize::from(self.config.perception.beam_step.max(1));
+        let first_ray = self.phase() % usize::from(self.config.perception.beam_step.max(1));
         let weighing = Weighing {
             map: &self.map,
             ancestry: &self.ancestry,
@@ -311,7 +410,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             rays: self.rays.get(first_ray.min(self.ray_count)..self.ray_count).unwrap_or_default(),
             model: &self.model,
             refinement: &self.config.refinement,
-            robot_from_lrf: self.robot_from_lrf,
+            particle_from_lrf: self.particle_from_lrf,
             frame,
         };
         weigh(&weighing, self.samples.get_mut(..self.sample_count).unwrap_or_default(), &mut self.window);
@@ -321,12 +420,8 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     fn resample(&mut self, weights: &Weights) -> bool {
         let enough = self.config.filter.resample_share * f32::from(self.particles_max);
         let drawn = self.sample_count > self.particles_max() || weights.effective_sample_size <= enough;
-        let draws = self.particles_max;
-        if self.steps == 0 {
-            self.samples.iter_mut().take(1).for_each(|sample| sample.draws = draws);
-            return false;
-        }
         if drawn {
+            let draws = self.particles_max;
             let mut rng = RandomStream::new(self.seed, self.steps, u32::MAX);
             particles::resample(self.config.filter.resampling, self.samples_mut(), draws, &mut rng);
         }
@@ -346,7 +441,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         let longest = self.rays.iter().take(self.ray_count).map(|ray| ray.length_m).fold(0.0, f32::max);
         let refined = self.config.refinement.distance_max_m();
         let squares = 2.0 * self.config.map.square_size_m;
-        let reach = longest + self.model.reach_m() + self.robot_from_lrf.position().norm() + refined + squares;
+        let reach = longest + self.model.reach_m() + self.particle_from_lrf.position().norm() + refined + squares;
         let (mut low, mut high) = (Point2::new(f32::MAX, f32::MAX), Point2::new(f32::MIN, f32::MIN));
         for pose in self.samples().iter().map(|sample| sample.map_from_robot).filter(|pose| pose.is_finite()) {
             low = Point2::new(low.x.min(pose.x), low.y.min(pose.y));
@@ -355,6 +450,11 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         let reach = Point2::new(reach, reach);
         let tile_m = SIDE as f32 * self.config.map.square_size_m;
         WindowFrame::around(low - reach, high + reach, self.window.side(), tile_m)
+    }
+
+    /// Of the rays and beams that are left out in turns.
+    fn phase(&self) -> usize {
+        self.steps as usize + self.scan_index
     }
 
     fn samples_mut(&mut self) -> &mut [Sample] {

@@ -107,6 +107,14 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         self.take_over_survivors();
     }
 
+    /// All particles but the first go.
+    pub(super) fn keep_one(&mut self) {
+        for index in 1..self.particle_count {
+            self.population().prune(index);
+        }
+        self.particle_count = self.particle_count.min(1);
+    }
+
     /// Number of survivors among the samples of a particle.
     fn survivors_of(&self, index: usize) -> usize {
         let Some([first, end]) = self.particles.get(index).map(|particle| particle.samples) else { return 0 };
@@ -147,6 +155,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
 
     /// Prints the scan into every particle's map. Particles for whose map there is no room go.
     pub(super) fn print(&mut self, frame: WindowFrame, report: &mut StepReport) {
+        let phase = self.phase();
         let rays = self.rays.get(..self.ray_count).unwrap_or_default();
         let mut population = Population {
             particles: self.particles.get_mut(..self.particle_count).unwrap_or_default(),
@@ -155,13 +164,13 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         };
         // There is no next time for what the first scan leaves out: the second is weighed against it.
         let ray_step = if self.steps == 0 { 1 } else { usize::from(self.config.map.print_step.max(1)) };
-        let first_ray = self.steps as usize % ray_step;
         let window = &mut self.window;
         let mut leaf = Some(population.ancestry.first_leaf(NodeId::ROOT));
         window.open(population.map, population.ancestry, frame, leaf.unwrap_or_default());
         while let Some(index) = leaf.and_then(|leaf| population.ancestry.particle(leaf)) {
             let Some(particle) = population.particles.get(index) else { break };
-            let print = Print::new(rays, particle.map_from_robot * self.robot_from_lrf).every(ray_step, first_ray);
+            let print =
+                Print::new(rays, particle.map_from_robot * self.particle_from_lrf).every(ray_step, phase % ray_step);
             let stays = population.print(index, print, window, report);
             leaf = window.next_leaf(population.map, population.ancestry);
             if !stays {
@@ -171,7 +180,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
                 window.rename_leaf(leaf.unwrap_or_default());
             }
         }
-        report.dropped = self.close_ranks();
+        report.dropped += self.close_ranks();
     }
 
     /// Particles without draws are taken out of their ranks; returns how many.

@@ -37,7 +37,7 @@ pub struct Weighing<'a, 'm, const SIDE: usize> {
     pub(super) rays: &'a [Ray],
     pub(super) model: &'a PerceptionModel,
     pub(super) refinement: &'a RefinementConfig,
-    pub(super) robot_from_lrf: Pose2,
+    pub(super) particle_from_lrf: Pose2,
     pub(super) frame: WindowFrame,
 }
 
@@ -123,7 +123,7 @@ impl<const SIDE: usize> Weighing<'_, '_, SIDE> {
     }
 
     fn log_likelihood(&self, view: MapView<'_, '_, SIDE>, map_from_robot: Pose2) -> f32 {
-        self.model.log_likelihood(view, self.rays, map_from_robot * self.robot_from_lrf)
+        self.model.log_likelihood(view, self.rays, map_from_robot * self.particle_from_lrf)
     }
 }
 

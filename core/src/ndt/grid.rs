@@ -128,6 +128,12 @@ impl<'m> NdtGrid<'m> {
         })
     }
 
+    /// Forgets all points.
+    pub fn clear(&mut self) {
+        self.directory.fill(DirectoryEntry::default());
+        (self.taken, self.free, self.used) = (1, 0, 0);
+    }
+
     /// The configuration it was made with.
     pub fn config(&self) -> &NdtConfig {
         &self.config

@@ -131,7 +131,7 @@ impl<'m> Mapping<'m> {
     pub fn add_scan_with(
         &mut self,
         scan: &RangeScan<'_>,
-        weigh: impl FnOnce(&Weighing<'_, 'm, TILE_SIDE>, &mut [Sample], &mut Window<'m>),
+        weigh: impl FnMut(&Weighing<'_, 'm, TILE_SIDE>, &mut [Sample], &mut Window<'m>),
     ) -> Result<Mapped, ScanCapacityError> {
         let mounting = self.config.robot_from_lrf;
         let report = self.slam.step_with(scan, mounting, None, &mut self.rng, weigh)?;

@@ -138,6 +138,9 @@ fn truth_table(report: &TruthReport) -> String {
     row(&mut text, "absolute, deg", &report.absolute_deg);
     row(&mut text, "relative, m per m", &report.relative.translation_m_per_m);
     row(&mut text, "relative, deg per m", &report.relative.rotation_deg_per_m);
+    if report.revisit_m.count > 0 {
+        row(&mut text, "places revisited, m", &report.revisit_m);
+    }
     let judged = report.absolute_m.count;
     let _ = writeln!(text, "\nabsolute: {judged} of {} true poses, after rigid alignment", report.truth_poses);
     if report.unmatched > 0 {

@@ -47,7 +47,7 @@ enum Command {
 /// Writes loop.csv, a line for each run, and loop.md.
 #[derive(Debug, Args)]
 struct LoopArgs {
-    /// The log; `lrf-sim log --world loop --scans 183` makes one.
+    /// The log; `lrf-sim log --world loop --then 29.5,9.5 --scans 183` makes one.
     log: PathBuf,
     /// The true path: TUM.
     #[arg(long, value_name = "FILE")]
@@ -58,8 +58,8 @@ struct LoopArgs {
     /// Levels to compare.
     #[arg(long, value_name = "N,…", value_delimiter = ',', default_values_t = [1, 2], value_parser = clap::value_parser!(u16).range(0..=2))]
     levels: Vec<u16>,
-    /// The loop counts as closed if no pose is farther off than this after rigid alignment, m.
-    #[arg(long, value_name = "METRES", default_value_t = 1.0)]
+    /// The loop counts as closed if the robot is nowhere farther off than this as seen from its earlier visit to the place, m.
+    #[arg(long, value_name = "METRES", default_value_t = 0.5)]
     closed: f64,
     /// Folder for the results.
     #[arg(long, value_name = "DIR", default_value = "loop")]

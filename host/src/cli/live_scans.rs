@@ -16,8 +16,7 @@ use super::summary::summary;
 use super::{Failure, print};
 use crate::config::{RunConfig, SpeedConfig};
 use crate::live::{Item, ScanSource, SourceReport, for_each_scan};
-use crate::map_run::MapRun;
-use crate::mapper::MapperMemory;
+use crate::map_run::{MapRun, RunMemory};
 use crate::run_report::{LaserCounts, Source};
 
 /// How to map, and when to end by itself.
@@ -51,7 +50,7 @@ pub(super) struct Mapping {
 /// Maps every scan of `source` called `name`, and writes and prints what came out.
 pub(super) fn map_live(name: &str, source: &ScanSource, stop: &AtomicBool, args: &Mapping) -> Result<(), Failure> {
     let config = args.particles.load(args.config.as_deref(), &args.set)?;
-    let mut memory = MapperMemory::new(&config, args.particles.threads());
+    let mut memory = RunMemory::new(&config, args.particles.threads());
     let map = MapRun::open(&args.out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
     let mut session = Session::new(map, &config, args);
     let done = for_each_scan(source, stop, &mut |item| session.take(item));

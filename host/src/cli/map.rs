@@ -11,8 +11,7 @@ use super::summary::summary;
 use super::{Failure, print};
 use crate::config::RunConfig;
 use crate::log::LogReader;
-use crate::map_run::MapRun;
-use crate::mapper::MapperMemory;
+use crate::map_run::{MapRun, RunMemory};
 use crate::run_report::{Input, RunReport, Source, sha256_of_file};
 
 /// Map a recorded laser log.
@@ -51,7 +50,7 @@ pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
     let mut log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
     let out = args.out.clone().unwrap_or_else(|| default_folder(&args.log));
     let input = input(&args.log, &log).map_err(Failure::Start)?;
-    let mut memory = MapperMemory::new(&config, args.particles.threads());
+    let mut memory = RunMemory::new(&config, args.particles.threads());
     let mut map = MapRun::open(&out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
     let progress = progress_bar(log.size_bytes(), args.quiet);
     let fault = map_scans(&mut log, &mut map, &config, args.odometry, &progress).err();

@@ -16,8 +16,7 @@ use lrfslam_host::cli::Failure;
 use lrfslam_host::cli::demo::DemoArgs;
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::live::{ScanSource, for_each_scan};
-use lrfslam_host::map_run::MapRun;
-use lrfslam_host::mapper::MapperMemory;
+use lrfslam_host::map_run::{MapRun, RunMemory};
 
 use self::robot::SimulatedRobot;
 use self::session::Session;
@@ -31,7 +30,7 @@ pub fn run(args: &DemoArgs) -> Result<String, Failure> {
         return Err(Failure::Start(error));
     }
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut memory = MapperMemory::new(&config, threads);
+    let mut memory = RunMemory::new(&config, threads);
     let map = MapRun::open(&args.out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
     show(args, &config, scenario, map).map_err(Failure::Work)
 }

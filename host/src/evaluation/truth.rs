@@ -11,6 +11,13 @@ use super::{EvaluationError, PosesByTime, Statistics};
 use crate::pose_f64::{PoseF64, wrap};
 use crate::trajectory::TimedPose;
 
+/// So near, m, a robot is back at a place …
+const REVISIT_M: f64 = 1.0;
+/// … after so much way, m.
+const REVISIT_WAY_M: f64 = 20.0;
+/// Poses looked at for that.
+const REVISITS_MAX: usize = 2000;
+
 /// Errors against the true path.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TruthReport {
@@ -26,6 +33,9 @@ pub struct TruthReport {
     pub absolute_deg: Statistics,
     /// Error of the displacement over stretches of the true path.
     pub relative: RelativeError,
+    /// Error of a pose as seen from an earlier one where the robot truly was within a metre, at least 20 m of way before: how well loops
+    /// close. Of each pose, the worst; none if the robot never came back. m.
+    pub revisit_m: Statistics,
 }
 
 /// Drift over stretches of equal length.
@@ -61,6 +71,7 @@ pub fn evaluate_truth(
         absolute_m: Statistics::of(&distances),
         absolute_deg: Statistics::of(&angles),
         relative: relative(&pairs, stretch_m),
+        revisit_m: revisits(&pairs),
     })
 }
 
@@ -103,10 +114,7 @@ fn align(pairs: &[(PoseF64, PoseF64)]) -> PoseF64 {
 
 /// One stretch from every pose to the first one at least `stretch_m` farther along the true path.
 fn relative(pairs: &[(PoseF64, PoseF64)], stretch_m: f64) -> RelativeError {
-    let mut way_m = vec![0.0; pairs.len()];
-    for i in 1..pairs.len() {
-        way_m[i] = way_m[i - 1] + pairs[i - 1].0.between(pairs[i].0).distance_m();
-    }
+    let way_m = true_way_m(pairs);
     let (mut translations, mut rotations) = (Vec::new(), Vec::new());
     for start in 0..pairs.len() {
         let end = way_m.partition_point(|&way| way < way_m[start] + stretch_m);
@@ -118,6 +126,28 @@ fn relative(pairs: &[(PoseF64, PoseF64)], stretch_m: f64) -> RelativeError {
     }
     let (translation_m_per_m, rotation_deg_per_m) = (Statistics::of(&translations), Statistics::of(&rotations));
     RelativeError { stretch_m, translation_m_per_m, rotation_deg_per_m }
+}
+
+/// Way along the true path up to every pose, m.
+fn true_way_m(pairs: &[(PoseF64, PoseF64)]) -> Vec<f64> {
+    let mut way_m = vec![0.0; pairs.len()];
+    for i in 1..pairs.len() {
+        way_m[i] = way_m[i - 1] + pairs[i - 1].0.between(pairs[i].0).distance_m();
+    }
+    way_m
+}
+
+fn revisits(pairs: &[(PoseF64, PoseF64)]) -> Statistics {
+    let way_m = true_way_m(pairs);
+    let worst = |newer: usize| {
+        let (truth, estimate) = pairs[newer];
+        let older = way_m[..newer].partition_point(|&way| way <= way_m[newer] - REVISIT_WAY_M);
+        let visits = pairs[..older].iter().filter(|(before, _)| before.between(truth).distance_m() <= REVISIT_M);
+        let errors =
+            visits.map(|(before, estimated)| before.between(truth).between(estimated.between(estimate)).distance_m());
+        errors.max_by(f64::total_cmp)
+    };
+    Statistics::of(&(0..pairs.len()).step_by(pairs.len() / REVISITS_MAX + 1).filter_map(worst).collect::<Vec<_>>())
 }
 
 #[cfg(test)]
@@ -155,6 +185,21 @@ mod tests {
         assert!(report.absolute_m.mean > 0.3);
         assert!((report.relative.translation_m_per_m.mean - 0.1).abs() < 0.002, "{:?}", report.relative);
         assert!((report.relative.translation_m_per_m.count as i32 - 46).abs() <= 1);
+    }
+
+    /// Five metres of radius: once round is 31 m. The second round is estimated 0.3 m beside the first.
+    #[test]
+    fn revisits_tell_how_well_the_loop_closes() {
+        let pose = |i: i32, beside: f64| {
+            let angle = f64::from(i) * 0.1;
+            let pose = PoseF64::new((5.0 + beside) * angle.cos(), (5.0 + beside) * angle.sin(), wrap(angle + 1.57));
+            TimedPose { stamp: Instant::from_micros(i64::from(i) * 1000), map_from_robot: pose.to_f32() }
+        };
+        let truth: Vec<TimedPose> = (0..90).map(|i| pose(i, 0.0)).collect();
+        let estimate: Vec<TimedPose> = (0..90).map(|i| pose(i, if i < 63 { 0.0 } else { 0.3 })).collect();
+        let report = evaluate_truth(&estimate, &truth, Duration::ZERO, 2.0).unwrap();
+        assert!(report.revisit_m.count > 20 && (report.revisit_m.max - 0.3).abs() < 0.07, "{:?}", report.revisit_m);
+        assert_eq!(evaluate_truth(&truth[..50], &truth, Duration::ZERO, 2.0).unwrap().revisit_m.count, 0);
     }
 
     #[test]

@@ -5,7 +5,8 @@
 //!
 //! 1. its pose is the best of the whole window ([`CorrelationGrid`]), and there is no second one nearly as good elsewhere;
 //! 2. enough points lie on the other's walls, and few in its free space, both ways ([`Submap::agreement`]);
-//! 3. the walls that meet determine every axis ([`NdtGrid::constraint`]);
+//! 3. the walls that meet determine every axis ([`NdtGrid::constraint`]); along one that few of them speak of, as in a corridor, the
+//!    closure pulls weakly;
 //! 4. if the window was wide, a second segment must say the same ([`Closer::confirmed`]);
 //! 5. the graph can be solved with it ([`super::pose_graph`]).
 
@@ -47,8 +48,10 @@ lrfslam_core::config! {
         contradicting_max: f32 = 0.1, in 0.0..=1.0;
         /// A second pose with this share of the best one's score is a doubt.
         second_share_max: f32 = 0.85, in 0.0..=1.0;
-        /// Least worth of the walls that meet for any axis, 0 to 0.5; see `matcher.constraint_min`.
+        /// Least worth of the walls that meet for any axis, 0 to 0.5; see `matcher.constraint_min`. Below that the axis is weak …
         constraint_min: f32 = 0.06, in 0.0..=0.5;
+        /// … and below this nothing is known of it: no closure.
+        constraint_none: f32 = 0.015, in 0.0..=0.5;
         /// A closure that moves the robot by more than this, m, needs a second one that agrees.
         alone_m: f32 = 1.0, in 0.0..=100.0;
         /// … within this, m.
@@ -57,6 +60,8 @@ lrfslam_core::config! {
         agreement_deg: f32 = 3.0, in 0.1..=90.0;
         /// Standard deviation of a closure's position, m.
         sigma_m: f32 = 0.05, in 0.001..=10.0;
+        /// … along a weak axis, m …
+        sigma_weak_m: f32 = 0.3, in 0.001..=10.0;
         /// … and of its heading, degrees.
         sigma_deg: f32 = 0.3, in 0.01..=90.0;
     }
@@ -73,6 +78,17 @@ pub struct Closure {
     pub older_from_newer: PoseF64,
     /// By how much that moves the newer node, m.
     pub moves_m: f32,
+    /// Unit vector, frame of the older node, along which the walls say little.
+    pub weak_axis: Option<Point2>,
+}
+
+/// Where one submap lies in another.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    /// The one's frame in the other's.
+    pub pose: Pose2,
+    /// See [`Closure::weak_axis`].
+    pub weak_axis: Option<Point2>,
 }
 
 impl Closure {
@@ -81,7 +97,11 @@ impl Closure {
         let inverse_square = |sigma: f32| f64::from(sigma).powi(-2);
         let position = inverse_square(config.sigma_m);
         let heading = inverse_square(config.sigma_deg.to_radians());
-        let information = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
+        let mut information = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
+        if let Some(axis) = self.weak_axis {
+            let axis = Vector3::new(f64::from(axis.x), f64::from(axis.y), 0.0);
+            information -= axis * axis.transpose() * (position - inverse_square(config.sigma_weak_m)).max(0.0);
+        }
         Edge { from: self.older, to: self.newer, from_to: self.older_from_newer, information, is_closure: true }
     }
 }
@@ -113,12 +133,12 @@ impl Closer {
     }
 
     /// Finds `query` in `place`; its pose there, if nothing speaks against it.
-    pub fn find(&mut self, query: &Submap, place: &Submap, window: &SearchWindow) -> Option<Pose2> {
+    pub fn find(&mut self, query: &Submap, place: &Submap, window: &SearchWindow) -> Option<Place> {
         let coarse = self.search(query, place, window)?;
-        let pose = self.refine(query, place, coarse)?;
-        let near = coarse.between(pose);
+        let found = self.refine(query, place, coarse)?;
+        let near = coarse.between(found.pose);
         let is_near = near.position().norm() < 0.3 && near.heading.abs() < 0.05;
-        (is_near && self.agree(query, place, pose)).then_some(pose)
+        (is_near && self.agree(query, place, found.pose)).then_some(found)
     }
 
     /// The best pose of the window, if there is no other one nearly as good.
@@ -131,8 +151,8 @@ impl Closer {
         second.is_none().then_some(best.pose)
     }
 
-    /// The optimum of the NDT near `coarse`, if it is determined about every axis.
-    fn refine(&mut self, query: &Submap, place: &Submap, coarse: Pose2) -> Option<Pose2> {
+    /// The optimum of the NDT near `coarse`, if something is known about every axis.
+    fn refine(&mut self, query: &Submap, place: &Submap, coarse: Pose2) -> Option<Place> {
         let mut ndt = NdtGrid::new(&self.ndt, &mut self.directory, &mut self.tiles).ok()?;
         ndt.insert(place.points(), Pose2::IDENTITY);
         let matcher = MatcherConfig { prior_position_m: 0.0, prior_heading_deg: 0.0, ..MatcherConfig::default() };
@@ -141,8 +161,13 @@ impl Closer {
         let prediction = Prediction { map_from_robot: coarse, score_expected: 0.0 };
         let pose = matcher.align_locally(&ndt, query.points(), &prediction);
         let [xx, xy, yy] = ndt.constraint(query.points(), pose);
-        let constraint = 0.5 * (xx + yy) - (0.5 * (xx - yy)).hypot(xy);
-        (constraint >= self.config.constraint_min).then_some(pose)
+        let spread = (0.5 * (xx - yy)).hypot(xy);
+        let constraint = 0.5 * (xx + yy) - spread;
+        // The direction of the smaller eigenvalue.
+        let heading = 0.5 * xy.atan2(0.5 * (xx - yy)) + std::f32::consts::FRAC_PI_2;
+        let axis = Point2::from_polar(1.0, heading);
+        let weak_axis = (constraint < self.config.constraint_min).then_some(axis);
+        (constraint >= self.config.constraint_none).then_some(Place { pose, weak_axis })
     }
 
     fn agree(&self, query: &Submap, place: &Submap, pose: Pose2) -> bool {

@@ -1,13 +1,19 @@
 //! The high level: whole segments of the low level's path, put where they agree with one another (thesis §3.2.3.3–3.2.3.4).
 //!
 //! Scan and pose of the low level → segment → node and edge of a pose graph → closing: has the robot been here before? →
-//! the graph is solved, and all segments move.
+//! the graph is solved, and all segments move → the low level goes on in the corrected map ([`Correction`]).
+//!
+//! # What the low level goes on in
+//! Only what lies surely where it is thought to be, as seen from the robot: the recent path, and the older path that closures tie
+//! it to (`reach`). A robot that comes back from a long loop with a drift of a metre does not meet its own old walls a
+//! metre off, until they have been recognised and the loop is closed.
 //!
 //! # Frames
 //! `map` is the first pose. The low level's poses are taken relative to one another.
 
 mod closing;
 mod correlation;
+mod particles;
 mod placing;
 mod pose_graph;
 mod reach;
@@ -16,14 +22,17 @@ mod submap;
 
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::ndt::NdtConfig;
+use lrfslam_core::rays::RayCapacityError;
 use lrfslam_core::sweep::Sweep;
 use nalgebra::Matrix3;
 use serde::Serialize;
 
 pub use closing::ClosureConfig;
+pub use particles::{HighParticles, HighParticlesConfig};
 pub use segment::SegmentConfig;
 
 use self::closing::{Closer, Closure};
+use self::placing::ReferenceState;
 use self::pose_graph::{Edge, PoseGraph};
 use self::reach::reach_from;
 use self::segment::{LowStep, Segment};
@@ -37,13 +46,25 @@ lrfslam_core::config! {
         keep_distance_m: f32 = 0.02, in 0.0..=10.0;
         /// … or turned so far, degrees. 8 bytes a beam of a scan kept.
         keep_rotation_deg: f32 = 1.0, in 0.0..=180.0;
+        /// The low level goes on in the corrected map. Without, the high level only watches.
+        feedback: bool = true;
+        /// The low level's map holds what is this certain as seen from the robot, m (one standard deviation).
+        reference_sigma_m: f32 = 0.2, in 0.01..=100.0;
+        /// … and in any case the latest path of so much travel, m.
+        reference_travel_m: f32 = 20.0, in 1.0..=1000.0;
+        /// Nothing farther away than this, m.
+        reference_distance_m: f32 = 50.0, in 1.0..=1000.0;
+        /// Of this, scans this far apart, m …
+        reference_step_m: f32 = 0.05, in 0.0..=10.0;
+        /// … or so far turned, degrees.
+        reference_step_deg: f32 = 2.0, in 0.0..=180.0;
     }
 }
 
 /// The configuration of the high level with all its parts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct HighConfigs {
-    /// What is kept and matched against.
+    /// What is kept, and what the low level goes on in.
     pub high: HighConfig,
     /// Segments.
     pub segment: SegmentConfig,
@@ -62,6 +83,15 @@ pub struct LowPose {
     pub undetermined: Option<Point2>,
     /// The scan agrees too little with the map for the pose to be believed.
     pub is_lost: bool,
+}
+
+/// What the low level is to go on with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Correction {
+    /// Pose of the robot.
+    pub map_from_robot: Pose2,
+    /// Its map: poses, and the places of the stored scans taken there.
+    pub reference: Vec<(Pose2, u32)>,
 }
 
 /// What the high level did.
@@ -83,7 +113,7 @@ pub struct HighCounts {
 
 /// Places segments; see the [module](self).
 #[derive(Debug)]
-pub struct HighSlam {
+pub struct HighSlam<'m> {
     config: HighConfigs,
     scans: ScanStore,
     /// Complete segments; segment k starts at node k of the graph and ends at node k + 1.
@@ -91,15 +121,18 @@ pub struct HighSlam {
     open: Segment,
     graph: PoseGraph,
     closer: Closer,
+    /// If these close loops, and not the graph.
+    particles: Option<HighParticles<'m>>,
     low: Option<Pose2>,
     /// Where the robot was when a scan was last kept, seen from the start of the open segment.
     kept: Option<Pose2>,
+    reference: ReferenceState,
     counts: HighCounts,
 }
 
-impl HighSlam {
-    /// One that has seen nothing yet.
-    pub fn new(config: &HighConfigs) -> Self {
+impl<'m> HighSlam<'m> {
+    /// One that has seen nothing yet; loops are closed by `particles` if there are any, else by closures in the graph.
+    pub fn new(config: &HighConfigs, particles: Option<HighParticles<'m>>) -> Self {
         let mut graph = PoseGraph::default();
         graph.add_node(PoseF64::default());
         Self {
@@ -109,14 +142,20 @@ impl HighSlam {
             open: Segment::empty(),
             graph,
             closer: Closer::new(&config.closure, &config.ndt),
+            particles,
             low: None,
             kept: None,
+            reference: ReferenceState::default(),
             counts: HighCounts::default(),
         }
     }
 
-    /// Takes a scan and where the low level believes it was taken.
-    pub fn add_scan(&mut self, sweep: &Sweep<'_>, low: &LowPose) {
+    /// Takes a scan and where the low level believes it was taken; at the end of a segment, says how the low level is to go on if its
+    /// map is to change.
+    ///
+    /// # Errors
+    /// If the high level's particles have no memory for that many beams.
+    pub fn add_scan(&mut self, sweep: &Sweep<'_>, low: &LowPose) -> Result<Option<Correction>, RayCapacityError> {
         let before = self.low.replace(low.map_from_robot).unwrap_or(low.map_from_robot);
         let previous_from_robot = before.between(low.map_from_robot);
         let turned = Pose2::new(0.0, 0.0, -before.heading);
@@ -129,9 +168,24 @@ impl HighSlam {
             scan: self.keep(sweep, start_from_robot, low.is_lost),
         };
         self.open.push(&self.config.segment, &step);
-        if self.open.is_complete(&self.config.segment) {
-            self.complete_segment();
+        if !self.open.is_complete(&self.config.segment) {
+            return Ok(None);
         }
+        self.complete_segment()?;
+        Ok(if self.config.high.feedback { self.correction() } else { None })
+    }
+
+    fn correction(&mut self) -> Option<Correction> {
+        let node = self.segments.len();
+        let reference = self.changed_reference(node)?;
+        let map_from_robot = self.graph.nodes()[node].to_f32();
+        self.low = Some(map_from_robot);
+        Some(Correction { map_from_robot, reference })
+    }
+
+    /// The stored scans.
+    pub fn scans(&self) -> &ScanStore {
+        &self.scans
     }
 
     /// Stores the scan if the robot has moved; returns its place. One that is not believed, or without beams, is not stored.
@@ -150,7 +204,7 @@ impl HighSlam {
     }
 
     /// Makes the open segment a node of the graph, and closes loops.
-    fn complete_segment(&mut self) {
+    fn complete_segment(&mut self) -> Result<(), RayCapacityError> {
         let segment = std::mem::replace(&mut self.open, Segment::empty());
         let end = segment.start_from_end;
         self.kept = self.kept.map(|kept| end.to_f32().between(kept));
@@ -161,9 +215,12 @@ impl HighSlam {
         self.graph.add_edge(Edge { from: start, to: node, from_to: end, information, is_closure: false });
         self.segments.push(segment);
         self.counts.segments += 1;
-        if self.config.closure.enabled && self.close_loops(start) {
+        if let Some(particles) = &mut self.particles {
+            self.graph.move_nodes(&particles.add(&self.segments[start], &self.scans)?);
+        } else if self.config.closure.enabled && self.close_loops(start) {
             self.solve();
         }
+        Ok(())
     }
 
     /// Looks for older places that the segment that starts at node `newer` came back to; true if the graph has new closures.

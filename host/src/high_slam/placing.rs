@@ -1,11 +1,11 @@
-//! Where stored scans lie: for the submaps of a closure, and for the final path and map.
+//! Where stored scans lie: for the submaps of a closure, for the low level to go on in, and for the final path and map.
 
 use lrfslam_core::geometry::Pose2;
 
 use super::HighSlam;
 use super::closing::Closure;
 use super::correlation::SearchWindow;
-use super::reach::Reach;
+use super::reach::{Reach, reach_from};
 use super::segment::SegmentPose;
 use super::submap::Submap;
 use crate::occupancy_map::OccupancyMap;
@@ -18,7 +18,24 @@ const SUBMAP_STEP_M: f32 = 0.2;
 const SUBMAP_STEP_RAD: f32 = 0.1;
 /// Two places farther apart than this share too little to be compared, besides the window, m.
 const PLACES_APART_M: f64 = 8.0;
-impl HighSlam {
+/// The low level's map is made anew if one of its segments has moved so far, m …
+const MOVED_M: f64 = 0.01;
+/// … or turned so far, rad.
+const MOVED_RAD: f64 = 0.001;
+
+/// What the low level's map is made of: segments, and where they start.
+#[derive(Debug, Default)]
+pub(super) struct ReferenceState {
+    segments: Vec<Option<PoseF64>>,
+}
+
+impl ReferenceState {
+    fn pose(&self, segment: usize) -> Option<PoseF64> {
+        self.segments.get(segment).copied().flatten()
+    }
+}
+
+impl HighSlam<'_> {
     /// Poses of segment `k` in the map: what the graph has moved its end by is spread along its way.
     fn placed(&self, k: usize) -> impl Iterator<Item = (PoseF64, &SegmentPose)> {
         let segment = self.segments.get(k).unwrap_or(&self.open);
@@ -130,13 +147,57 @@ impl HighSlam {
             heading_rad: heading_rad.min(config.window_max_deg.to_radians()),
         };
         let found = self.closer.find(&query, &place, &window)?;
-        let moves_m = (found.position() - centre.position()).norm();
-        Some(Closure { older, newer, older_from_newer: PoseF64::from(found), moves_m })
+        let moves_m = (found.pose.position() - centre.position()).norm();
+        let older_from_newer = PoseF64::from(found.pose);
+        Some(Closure { older, newer, older_from_newer, moves_m, weak_axis: found.weak_axis })
+    }
+
+    /// What the low level is to be matched against from `node` on; `None` if that has hardly changed.
+    pub(super) fn changed_reference(&mut self, node: usize) -> Option<Vec<(Pose2, u32)>> {
+        let high = &self.config.high;
+        let reached = reach_from(&self.graph, node);
+        let nodes = self.graph.nodes();
+        let last = self.segments.len() - 1;
+        let mut wanted: Vec<Option<PoseF64>> = vec![None; self.segments.len()];
+        let mut has_changed = false;
+        let recent = *self.segments_about(last, high.reference_travel_m, 0.0).start();
+        for k in 0..self.segments.len() {
+            let sigma_max = f64::from(high.reference_sigma_m);
+            let is_sure = k >= recent || reached[k].is_some_and(|reach| reach.position_m() <= sigma_max);
+            let distance = nodes[node].between(nodes[k]).distance_m();
+            let used = self.reference.pose(k);
+            if is_sure && distance <= f64::from(high.reference_distance_m) {
+                wanted[k] = Some(nodes[k]);
+                let is_new = used.is_none() && k < last && distance <= 0.6 * f64::from(high.reference_distance_m);
+                has_changed |= is_new || used.is_some_and(|used| has_moved(used, nodes[k]));
+            } else {
+                has_changed |= used.is_some() && !is_sure;
+            }
+        }
+        if !has_changed {
+            // The low level has put the last segment into its reference by itself.
+            self.reference.segments.resize(last, None);
+            self.reference.segments.push(Some(nodes[last]));
+            return None;
+        }
+        self.reference.segments = wanted;
+        let (step_m, step_rad) = (high.reference_step_m, high.reference_step_deg.to_radians());
+        let used = (0..=last).filter(|k| self.reference.pose(*k).is_some());
+        Some(apart(used.flat_map(|k| self.scans_of(k)), step_m, step_rad).collect())
     }
 }
 
+fn has_moved(from: PoseF64, to: PoseF64) -> bool {
+    let step = from.between(to);
+    step.distance_m() > MOVED_M || step.heading.abs() > MOVED_RAD
+}
+
 /// Those of `scans` that are so far from, or so far turned to, the one before.
-fn apart(scans: impl Iterator<Item = (Pose2, u32)>, step_m: f32, step_rad: f32) -> impl Iterator<Item = (Pose2, u32)> {
+pub(super) fn apart(
+    scans: impl Iterator<Item = (Pose2, u32)>,
+    step_m: f32,
+    step_rad: f32,
+) -> impl Iterator<Item = (Pose2, u32)> {
     let mut last: Option<Pose2> = None;
     scans.filter(move |(pose, _)| {
         let is_apart = last.is_none_or(|last| {

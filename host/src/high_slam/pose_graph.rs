@@ -88,6 +88,13 @@ impl PoseGraph {
         &self.nodes
     }
 
+    /// Puts the nodes after the first where somebody else says that they are.
+    pub fn move_nodes(&mut self, poses: &[PoseF64]) {
+        for (node, pose) in self.nodes.iter_mut().skip(1).zip(poses) {
+            *node = *pose;
+        }
+    }
+
     /// All edges, in the order in which they were added.
     pub fn edges(&self) -> &[Edge] {
         &self.edges

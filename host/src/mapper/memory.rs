@@ -5,7 +5,7 @@ use lrfslam_core::de::Member;
 use lrfslam_core::distributed_map::{MapMemory, Tile, TileHeader, TileId};
 use lrfslam_core::geometry::Point2;
 use lrfslam_core::laser_odometry::{KeyScan, OdometryMemory, Reference};
-use lrfslam_core::low_slam::LowSlamMemory;
+use lrfslam_core::low_slam::{LowSlamConfigs, LowSlamMemory};
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::particles::{Particle, Sample};
 use lrfslam_core::rays::Ray;
@@ -30,10 +30,10 @@ const NDT_DIRECTORY_SIDE: usize = 512;
 /// The same of the particles' maps; beyond that only time is lost.
 const DIRECTORY_SIDE: usize = 256;
 /// Squares along the side of a particle map's tile.
-pub(super) const SIDE: usize = 16;
+pub(crate) const SIDE: usize = 16;
 
 /// Table of one thread's [`Window`](lrfslam_core::distributed_map::Window).
-pub(super) type WindowSlots = Vec<TileId>;
+pub(crate) type WindowSlots = Vec<TileId>;
 
 /// The memory that a [`Mapper`](super::Mapper) works in.
 #[derive(Debug)]
@@ -45,8 +45,8 @@ pub struct MapperMemory {
 impl MapperMemory {
     /// As much as `config` says; it does not grow. `threads` share the work, at least one; results do not depend on them.
     pub fn new(config: &RunConfig, threads: usize) -> Self {
-        let particles = (config.hierarchy.levels > 0).then(|| ParticlePools::new(config, threads));
-        Self { odometry: MatcherPools::new(config), particles }
+        let pools = || ParticlePools::new(&config.low_slam(), &config.memory, threads);
+        Self { odometry: MatcherPools::new(config), particles: (config.hierarchy.levels > 0).then(pools) }
     }
 }
 
@@ -95,8 +95,9 @@ impl MatcherPools {
     }
 }
 
+/// The memory of a particle filter over whole maps, and of the threads that share its work.
 #[derive(Debug)]
-pub(super) struct ParticlePools {
+pub struct ParticlePools {
     tiles: Vec<Tile<SIDE>>,
     headers: Vec<TileHeader>,
     node_tiles: Vec<TileId>,
@@ -111,9 +112,10 @@ pub(super) struct ParticlePools {
 }
 
 impl ParticlePools {
-    fn new(config: &RunConfig, threads: usize) -> Self {
-        let particles = usize::from(config.particles.particles);
-        let tiles = config.memory.map_tiles as usize;
+    /// As much as `config` and `memory` say; `threads` share the work, at least one.
+    pub fn new(config: &LowSlamConfigs, memory: &MemoryConfig, threads: usize) -> Self {
+        let particles = usize::from(config.filter.particles);
+        let tiles = memory.map_tiles as usize;
         let slots = vec![TileId::NONE; window_side(config).pow(2)];
         Self {
             tiles: vec![Tile::UNSEEN; tiles],
@@ -122,14 +124,15 @@ impl ParticlePools {
             directory: vec![TileId::NONE; DIRECTORY_SIDE * DIRECTORY_SIDE],
             nodes: vec![Node::FREE; 2 * particles],
             particles: vec![Particle::UNUSED; particles],
-            samples: vec![Sample::UNUSED; particles * usize::from(config.particles.samples_per_particle)],
-            rays: vec![Ray::UNUSED; usize::from(config.memory.scan_points)],
+            samples: vec![Sample::UNUSED; particles * usize::from(config.filter.samples_per_particle)],
+            rays: vec![Ray::UNUSED; usize::from(memory.scan_points)],
             window: slots.clone(),
             windows: vec![slots; threads.max(1) - 1],
         }
     }
 
-    pub(super) fn lend(&mut self) -> (LowSlamMemory<'_, SIDE>, &mut [WindowSlots]) {
+    /// The filter's memory, and the windows of the other threads.
+    pub(crate) fn lend(&mut self) -> (LowSlamMemory<'_, SIDE>, &mut [WindowSlots]) {
         let memory = LowSlamMemory {
             map: MapMemory {
                 tiles: &mut self.tiles,
@@ -148,9 +151,9 @@ impl ParticlePools {
 }
 
 /// Tiles along a window's side: what a scan reaches to all sides, and a few metres that particles may be apart.
-fn window_side(config: &RunConfig) -> usize {
+fn window_side(config: &LowSlamConfigs) -> usize {
     let reach_m = config.rays.range_max_m + config.perception.reach_sigmas * config.perception.sigma_m;
     let side_m = 2.0 * reach_m + 10.0;
-    let tiles = side_m / (config.particle_map.square_size_m * SIDE as f32);
+    let tiles = side_m / (config.map.square_size_m * SIDE as f32);
     (tiles.ceil() as usize).next_power_of_two().clamp(2, 4096)
 }

@@ -4,11 +4,14 @@ use std::collections::BTreeMap;
 
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::grid::CellIndex;
+use lrfslam_core::slam::ScanCapacityError;
 use lrfslam_core::wire::message::{Capacities, FromRobot, ScanPose, Segment, TileUpdate};
 
+use crate::high_slam::Correction;
 use crate::map_run::LowLevel;
 use crate::mapper::MatchCounts;
 use crate::occupancy_map::{MapConfig, OccupancyMap};
+use crate::scan_store::ScanStore;
 use crate::trajectory::TimedPose;
 
 /// Tiles by column and row.
@@ -25,6 +28,13 @@ pub struct RobotMap {
 }
 
 impl LowLevel for RobotMap {
+    /// A robot has no memory for old scans.
+    const CAN_BE_CORRECTED: bool = false;
+
+    fn correct(&mut self, _: &Correction, _: &ScanStore) -> Result<(), ScanCapacityError> {
+        Ok(())
+    }
+
     /// A step for each scan.
     fn path(&self) -> Vec<Pose2> {
         self.path().into_iter().map(|pose| pose.map_from_robot).collect()

@@ -22,7 +22,7 @@ use crate::run_report::{RobotCounts, RunReport, Source};
 pub struct RobotRun {
     config: RunConfig,
     robot_from_lrf: Pose2,
-    run: Run<RobotMap>,
+    run: Run<'static, RobotMap>,
     journal: Journal,
     /// How far the robot's messages have come.
     progress: Option<Progress>,
@@ -49,11 +49,11 @@ impl RobotRun {
         let mut told = Vec::new();
         let journal = Journal::resume(&out.join(JOURNAL), |message| told.push((message.at, message.bytes.to_vec())))?;
         let mut run = Self::new(config, Run::open_told(out, config, seed)?, journal);
-        told.iter().for_each(|(at, bytes)| run.hear(&Told { at: *at, bytes }));
+        told.iter().try_for_each(|(at, bytes)| run.hear(&Told { at: *at, bytes }))?;
         Ok(run)
     }
 
-    fn new(config: &RunConfig, run: Run<RobotMap>, journal: Journal) -> Self {
+    fn new(config: &RunConfig, run: Run<'static, RobotMap>, journal: Journal) -> Self {
         Self {
             config: *config,
             robot_from_lrf: config.robot_from_lrf(),
@@ -68,20 +68,20 @@ impl RobotRun {
     /// Takes a message; it is on disk when this returns.
     ///
     /// # Errors
-    /// If the journal cannot be written; the message is taken nevertheless.
+    /// If the journal cannot be written; the message is taken nevertheless. If a scan is too large for the high level.
     pub fn take(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
         let stored = self.journal.add(told);
-        self.hear(told);
+        self.hear(told)?;
         stored.with_context(|| format!("{}: cannot be written", self.run.out().join(JOURNAL).display()))
     }
 
-    fn hear(&mut self, told: &Told<'_>) {
+    fn hear(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
         self.progress = Some(Progress { epoch: told.at.epoch, next: told.at.next.wrapping_add(1) });
-        let Some(message) = told.message() else { return };
+        let Some(message) = told.message() else { return Ok(()) };
         if let FromRobot::Identity(identity) = &message {
             identity.board.clone_into(&mut self.board);
         }
-        self.run.take(&message, self.robot_from_lrf);
+        self.run.take(&message, self.robot_from_lrf)
     }
 
     /// How far the robot's messages have come.
