@@ -12,7 +12,7 @@ use anyhow::{Context, Result};
 use lrfslam_core::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::fs::{Mode, OFlags};
-use rustix::io::Errno;
+use rustix::io::{Errno, FdFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
@@ -89,6 +89,8 @@ impl AsFd for Terminal {
 impl Terminal {
     pub(crate) fn open(link: &Path) -> Result<Self> {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).context("pseudo-terminal")?;
+        // A program that this one starts must not hold the terminal open.
+        rustix::io::fcntl_setfd(&master, FdFlags::CLOEXEC).context("pseudo-terminal")?;
         rustix::fs::fcntl_setfl(&master, OFlags::RDWR | OFlags::NONBLOCK).context("pseudo-terminal")?;
         grantpt(&master).context("pseudo-terminal")?;
         unlockpt(&master).context("pseudo-terminal")?;

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context as _, Result};
 use clap::{Args, Parser, ValueEnum};
-use lrfslam_core::robot::{CompactPools, StandardPools};
+use lrfslam_core::robot::{CompactPools, LargePools, StandardPools};
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::robot_process::{HostLine, Wiring, serve};
 
@@ -59,6 +59,8 @@ enum Size {
     Standard,
     /// That of the image for 192 KiB: 12 particles, 384 beams, 4 m
     Compact,
+    /// 64 particles, nine times the map, and minutes that a host may be away
+    Large,
 }
 
 fn main() -> ExitCode {
@@ -84,6 +86,7 @@ fn run(arguments: &Arguments) -> Result<()> {
     match arguments.memory {
         Size::Standard => serve::<StandardPools>(&wiring, &stop, &say),
         Size::Compact => serve::<CompactPools>(&wiring, &stop, &say),
+        Size::Large => serve::<LargePools>(&wiring, &stop, &say),
     }
 }
 

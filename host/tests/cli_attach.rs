@@ -90,6 +90,15 @@ fn check_path(path: &[TimedPose]) {
     assert!(last.y.abs() < 0.2 && last.heading.abs() < 0.1, "{last:?}");
 }
 
+/// Until so many bytes are stored.
+fn wait_for_bytes(journal: &Path, bytes: u64) {
+    let is_there = (0..3000).any(|_| {
+        std::thread::sleep(Duration::from_millis(20));
+        fs::metadata(journal).is_ok_and(|journal| journal.len() > bytes)
+    });
+    assert!(is_there, "nothing came");
+}
+
 fn report(out: &Path) -> serde_json::Value {
     serde_json::from_slice(&fs::read(out.join("run.json")).unwrap()).unwrap()
 }
@@ -153,14 +162,9 @@ fn a_host_that_is_killed_goes_on_where_it_was() {
     let arguments = ["attach", "--port", &bench.port, "--lrf", "hokuyo", "--out", "map", "-q"];
     let journal = folder.path().join("map/robot.journal");
     let mut host = lrfslam(folder.path(), &arguments).spawn().unwrap();
-    // Until some scans are stored.
-    let is_there = (0..3000).any(|_| {
-        std::thread::sleep(Duration::from_millis(20));
-        fs::metadata(&journal).is_ok_and(|journal| journal.len() > 60_000)
-    });
+    wait_for_bytes(&journal, 60_000);
     host.kill().unwrap();
     host.wait().unwrap();
-    assert!(is_there, "nothing came");
     std::thread::sleep(Duration::from_millis(500));
     let (code, _, stderr) = run(folder.path(), &[&arguments[..], &["--resume", "--scans", "80"]].concat());
     assert_eq!((code, stderr.as_str()), (0, ""));
@@ -169,6 +173,34 @@ fn a_host_that_is_killed_goes_on_where_it_was() {
     check_path(&path);
     let report = report(&folder.path().join("map"));
     assert_eq!((&report["robot"]["missing_scans"], &report["robot"]["is_from_start"]), (&0.into(), &true.into()));
+}
+
+#[test]
+fn a_robot_that_starts_anew_gets_a_folder_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = Bench::new(folder.path(), false, 0.0);
+    let port = bench.port.clone();
+    let arguments = ["attach", "--port", &port, "--lrf", "hokuyo", "--out", "map", "-q"];
+    let mut host = lrfslam(folder.path(), &[&arguments[..], &["--scans", "70"]].concat()).spawn().unwrap();
+    let journal = folder.path().join("map/robot.journal");
+    wait_for_bytes(&journal, 30_000);
+    drop(bench);
+    let bench = Bench::new(folder.path(), false, 0.0);
+    assert_eq!((host.wait().unwrap().code(), &bench.port), (Some(0), &port));
+    for (out, is_partial) in [("map", true), ("map-2", false)] {
+        let path = read_trajectory(&folder.path().join(out).join("trajectory.tum")).unwrap();
+        assert!(path.len() > 10 && path[0].map_from_robot.position().norm() < 0.1, "{out}: {:?}", path[0]);
+        check_path(&path);
+        assert_eq!(report(&folder.path().join(out))["partial"], is_partial, "{out}");
+    }
+    // It was let go; one that maps already is made to begin anew, and that is no life of its own.
+    let again = ["--scans", "10", "--restart", "--out", "again"];
+    let keep = [&arguments[..], &["--scans", "10", "--keep-running"]].concat();
+    assert_eq!(run(folder.path(), &keep).0, 0);
+    let (code, _, stderr) = run(folder.path(), &[&arguments[..5], &again[..], &["--seed", "2"]].concat());
+    assert_eq!(code, 0, "{stderr}");
+    assert!(folder.path().join("again/trajectory.tum").exists() && !folder.path().join("again-2").exists());
+    assert_eq!(report(&folder.path().join("again"))["robot"]["is_from_start"], true);
 }
 
 #[test]

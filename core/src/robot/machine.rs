@@ -19,8 +19,9 @@ use crate::wire::session::{Received, Session};
 
 /// From one status to the next.
 const STATUS_EVERY: Duration = Duration::from_millis(250);
-/// From a request to start anew to doing so: its acknowledgement goes out first, or the host would ask again and again.
-const RESTART_AFTER: Duration = Duration::from_millis(200);
+/// From a request to start anew to doing so: its acknowledgement goes out first, or the host would ask the next life again. Long enough
+/// for the host to ask once more if it was lost.
+const RESTART_AFTER: Duration = Duration::from_millis(1000);
 /// Poses and words that wait for room in the queue.
 const POSES: usize = 16;
 

@@ -21,5 +21,5 @@ mod sweep_report;
 pub use config::{LaserConfig, LaserFamily, RobotConfig};
 pub use machine::{Input, Ports, Robot};
 pub use mapping::{Mapped, Mapping, MappingError, MappingMemory};
-pub use pools::{CompactPools, RobotMemory, RobotPools, StandardPools, TILE_SIDE};
+pub use pools::{CompactPools, LargePools, RobotMemory, RobotPools, StandardPools, TILE_SIDE};
 pub use sweep_report::ReportConfig;

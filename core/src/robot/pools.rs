@@ -69,6 +69,9 @@ pub type StandardPools = RobotPools<1792, 1024, 32, 64, 682, 174, 16384>;
 /// 12 particles at 4 m within 192 KiB: a Cortex-M4F such as the STM32F405.
 pub type CompactPools = RobotPools<448, 256, 12, 24, 384, 64, 6144>;
 
+/// 64 particles at 8 m, and minutes that a host may be away: a robot with a Linux computer.
+pub type LargePools = RobotPools<16384, 1024, 64, 128, 682, 256, 1_048_576>;
+
 impl<
     const TILES: usize,
     const WINDOW: usize,

@@ -65,7 +65,7 @@ pub(super) struct Port {
 impl Port {
     /// Opens a serial port: 8 data bits, no parity, no flow control.
     pub(super) fn serial(path: &Path, baud: u32) -> Result<Self> {
-        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK;
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let fd = rustix::fs::open(path, flags, Mode::empty()).with_context(|| format!("{}", path.display()))?;
         let not_serial = || format!("{}: cannot be set up as a serial port", path.display());
         let mut settings = tcgetattr(&fd).with_context(not_serial)?;

@@ -93,7 +93,7 @@ const TELL_EVERY: WallDuration = WallDuration::from_secs(2);
 /// At the end, a robot that says nothing new for so long is left.
 const PATIENCE: WallDuration = WallDuration::from_secs(5);
 /// How long a robot may take to be let go.
-const FAREWELL: WallDuration = WallDuration::from_secs(2);
+const FAREWELL: WallDuration = WallDuration::from_secs(4);
 
 impl AttachArgs {
     fn laser(&self) -> LaserConfig {
@@ -173,6 +173,8 @@ struct Book<'a> {
     /// Number of the robot's life that `run` is about, from 1.
     life: u32,
     messages: u64,
+    /// Robots still to come before the one that is meant: with --restart, what the one that is there says is of no interest.
+    robots_to_come: u32,
     told_at: WallInstant,
     is_lost: bool,
     damaged_frames: u32,
@@ -197,6 +199,7 @@ impl<'a> Book<'a> {
             run: None,
             life: 0,
             messages: 0,
+            robots_to_come: if args.restart { 2 } else { 0 },
             told_at: WallInstant::now(),
             is_lost: false,
             damaged_frames: 0,
@@ -233,7 +236,11 @@ impl<'a> Book<'a> {
                 }
                 self.is_lost = true;
             }
-            LinkEvent::Robot(RobotEvent::NewRobot) => self.say("a robot is there"),
+            LinkEvent::Robot(RobotEvent::NewRobot) => {
+                self.robots_to_come = self.robots_to_come.saturating_sub(1);
+                self.say("a robot is there");
+            }
+            LinkEvent::Robot(RobotEvent::Message(_)) if self.robots_to_come > 0 => {}
             LinkEvent::Robot(RobotEvent::Status(status)) => {
                 self.run.iter_mut().for_each(|run| run.set_status(&status));
             }
