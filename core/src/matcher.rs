@@ -14,6 +14,9 @@ use crate::geometry::{Point2, Pose2};
 use crate::math::{hypot, sin_cos, wrap_angle};
 use crate::ndt::{Linearisation, NdtGrid};
 
+/// Most points that [`MatcherConfig::search_points`] can ask for.
+const SEARCH_POINTS_MAX: usize = 256;
+
 crate::config! {
     /// Box around the prediction in which a match is searched (thesis table 4.4), robot frame.
     pub struct SearchConfig {
@@ -31,6 +34,9 @@ crate::config! {
 crate::config! {
     /// Scan matcher.
     pub struct MatcherConfig {
+        /// Points that the search looks at, at most, spread evenly over the scan; what it finds is polished with all of them. Time of
+        /// the search is in proportion. 0: all, as the thesis does.
+        search_points: u16 = 0, in 0..=256;
         /// Newton steps that polish the result of the search; 0 takes DE's answer as it is, as the thesis does.
         newton_steps: u16 = 12, in 0..=100;
         /// Candidates of the search that are polished, best first, each apart from the others.
@@ -127,7 +133,7 @@ impl<'m> ScanMatcher<'m> {
     ) -> Match {
         let prior = Prior::new(&self.config, prediction.map_from_robot);
         let (search, de) = (self.search, self.de);
-        self.search_and_polish(&search, &de, &Objective { ndt, points, prior }, prediction, rng)
+        self.search_and_polish(&search, &de, &Objective::new(ndt, points, prior), prediction, rng)
     }
 
     /// Finds `points` in a wider box and without preferring the prediction: for a robot that is not where it was expected.
@@ -148,7 +154,7 @@ impl<'m> ScanMatcher<'m> {
             rotation_deg: recovery.rotation_deg,
         };
         let de = DeConfig { population: recovery.population, generations: recovery.generations, ..self.de };
-        self.search_and_polish(&search, &de, &Objective { ndt, points, prior }, prediction, rng)
+        self.search_and_polish(&search, &de, &Objective::new(ndt, points, prior), prediction, rng)
     }
 
     /// Local optimum near the prediction, the best of the box, and of these two, polished, the better one.
@@ -181,7 +187,7 @@ impl<'m> ScanMatcher<'m> {
     /// Newton from the prediction alone, without the search: what scan matching is without DE.
     pub fn align_locally(&self, ndt: &NdtGrid<'_>, points: &[Point2], prediction: &Prediction) -> Pose2 {
         let prior = Prior::new(&self.config, prediction.map_from_robot);
-        Objective { ndt, points, prior }.climb(prediction.map_from_robot, 50).pose
+        Objective::new(ndt, points, prior).climb(prediction.map_from_robot, 50).pose
     }
 
     /// DE over the box of table 4.4, in the robot's frame about the prediction.
@@ -205,6 +211,8 @@ impl<'m> ScanMatcher<'m> {
             *gene = gene.clamp(*low, *high);
         }
         let expected = prediction.score_expected;
+        let chosen = spread(objective.points, self.config.search_points);
+        let objective = if chosen.is_empty() { *objective } else { objective.of_some(&chosen) };
         de::minimise(de, &bounds, start, self.population, rng, |genes, limit| {
             let [forward, lateral, rotation] = *genes;
             let pose = prediction.map_from_robot * Pose2 { x: forward, y: lateral, heading: rotation };
@@ -290,6 +298,7 @@ fn covariance(information: &Matrix3<f32>) -> Matrix3<f32> {
 }
 
 /// Penalty for departing from the predicted motion, ½ Σ (δ/σ)², in the robot's frame.
+#[derive(Clone, Copy)]
 struct Prior {
     predicted: Pose2,
     /// 1/σ² for position and heading.
@@ -321,18 +330,41 @@ impl Prior {
     }
 }
 
+/// So many of the points, spread evenly; none if all are to be looked at.
+fn spread(points: &[Point2], count: u16) -> heapless::Vec<Point2, SEARCH_POINTS_MAX> {
+    let count = usize::from(count).min(SEARCH_POINTS_MAX);
+    let every = if count < points.len() { count } else { 0 };
+    (0..every).filter_map(|i| points.get(i * points.len() / every)).copied().collect()
+}
+
 /// What is maximised: score minus the prior's penalty.
+#[derive(Clone, Copy)]
 struct Objective<'a, 'm> {
     ndt: &'a NdtGrid<'m>,
     points: &'a [Point2],
+    /// How many points each of them stands for.
+    weight: f32,
     prior: Prior,
 }
 
-impl Objective<'_, '_> {
+impl<'a, 'm> Objective<'a, 'm> {
+    fn new(ndt: &'a NdtGrid<'m>, points: &'a [Point2], prior: Prior) -> Self {
+        Self { ndt, points, weight: 1.0, prior }
+    }
+
+    /// About the same with fewer points.
+    fn of_some<'b>(&self, points: &'b [Point2]) -> Objective<'b, 'm>
+    where
+        'a: 'b,
+    {
+        let weight = self.points.len() as f32 / points.len().max(1) as f32;
+        Objective { ndt: self.ndt, points, weight, prior: self.prior }
+    }
+
     /// Its value at `pose`, or some value below `at_least` if it is below that.
     fn value(&self, pose: Pose2, at_least: f32) -> f32 {
         let penalty = self.prior.penalty(pose);
-        self.ndt.search_score(self.points, pose, at_least + penalty) - penalty
+        self.weight * self.ndt.search_score(self.points, pose, (at_least + penalty) / self.weight) - penalty
     }
 
     /// Climbs to the local maximum near `start` by damped Newton steps.

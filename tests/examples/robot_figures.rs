@@ -23,6 +23,8 @@ use lrfslam_tests::mcu::Mcu;
 /// divides wait.
 const CYCLES_PER_INSTRUCTION: f64 = 1.3;
 const CLOCK_HZ: f64 = 480e6;
+/// Of the robot's random numbers, one run each.
+const SEEDS: [u64; 3] = [1, 2, 3];
 /// QEMU's `-icount shift`: an instruction takes 2⁷ ns.
 const SHIFT: u32 = 7;
 
@@ -65,17 +67,30 @@ struct Mapped {
     steps: u32,
     dropped: usize,
     ndt_dropped: u32,
+    ndt_evicted: u32,
+    lost: u32,
     refused: u32,
     tiles: usize,
 }
 
 fn map(mapping: &mut Mapping<'_>, scans: &[LogScan]) -> Mapped {
-    let mut mapped = Mapped { poses: Vec::new(), steps: 0, dropped: 0, ndt_dropped: 0, refused: 0, tiles: 0 };
+    let mut mapped = Mapped {
+        poses: Vec::new(),
+        steps: 0,
+        dropped: 0,
+        ndt_dropped: 0,
+        ndt_evicted: 0,
+        lost: 0,
+        refused: 0,
+        tiles: 0,
+    };
     for scan in scans {
         match mapping.add_scan(&scan.scan()) {
             Ok(done) => {
                 mapped.poses.push(done.report.map_from_robot);
                 mapped.ndt_dropped += done.report.odometry.inserted.dropped;
+                mapped.ndt_evicted += done.report.odometry.inserted.evicted;
+                mapped.lost += u32::from(done.report.odometry.is_lost);
                 mapped.dropped += done.report.filter.map_or(0, |filter| filter.dropped);
                 mapped.tiles = mapped.tiles.max(done.report.filter.map_or(0, |filter| filter.tiles));
             }
@@ -122,29 +137,31 @@ fn accuracy(log: &str, truth: Option<&str>) -> anyhow::Result<()> {
         let from_truth = truth.as_ref().map(|truth| format!("{:.3}", map_error(&scans, poses, truth)));
         let from_truth = from_truth.unwrap_or("-".into());
         println!(
-            "{name:<22} map error {from_truth:>6} m from the truth, {:.3} m from this computer",
+            "{name:<24} map error {from_truth:>6} m from the truth, {:.3} m from this computer",
             map_error(&scans, poses, &computer)
         );
     };
     report("this computer", &computer);
-    let mut pools = Box::new(StandardPools::EMPTY);
-    let config = RobotConfig { robot_from_lrf, ..RobotConfig::default() };
-    let done = map(&mut Mapping::new(&config, pools.lend().mapping)?, &scans);
-    report("robot, 512 KiB", &done.poses);
-    println!("{:>22} {}", "", counts(&done));
-    let mut pools = Box::new(CompactPools::EMPTY);
-    let config = RobotConfig { robot_from_lrf, ..compact() };
     let thin: Vec<LogScan> = scans.iter().map(|scan| thinned(scan, 384)).collect();
-    let done = map(&mut Mapping::new(&config, pools.lend().mapping)?, &thin);
-    report("robot, 192 KiB", &done.poses);
-    println!("{:>22} {}", "", counts(&done));
+    for seed in SEEDS {
+        let mut pools = Box::new(StandardPools::EMPTY);
+        let config = RobotConfig { seed, robot_from_lrf, ..RobotConfig::default() };
+        let done = map(&mut Mapping::new(&config, pools.lend().mapping)?, &scans);
+        report(&format!("robot, 512 KiB, seed {seed}"), &done.poses);
+        println!("{:>24} {}", "", counts(&done));
+        let mut pools = Box::new(CompactPools::EMPTY);
+        let config = RobotConfig { seed, robot_from_lrf, ..compact() };
+        let done = map(&mut Mapping::new(&config, pools.lend().mapping)?, &thin);
+        report(&format!("robot, 192 KiB, seed {seed}"), &done.poses);
+        println!("{:>24} {}", "", counts(&done));
+    }
     Ok(())
 }
 
 fn counts(done: &Mapped) -> String {
-    let Mapped { steps, tiles, dropped, ndt_dropped, refused, .. } = done;
+    let Mapped { steps, tiles, dropped, ndt_dropped, ndt_evicted, lost, refused, .. } = done;
     format!(
-        "{steps} steps, {tiles} tiles at most, {dropped} particles and {ndt_dropped} points found no room, {refused} scans too large"
+        "{steps} steps, {tiles} tiles at most, {dropped} particles and {ndt_dropped} points found no room, {ndt_evicted} of the matcher's tiles forgotten, {lost} scans lost, {refused} too large"
     )
 }
 

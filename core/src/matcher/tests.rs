@@ -69,6 +69,28 @@ fn finds_displacements_all_over_the_box_where_newton_does_not() {
 }
 
 #[test]
+fn a_search_with_few_points_finds_displacements_all_over_the_box_too() {
+    let world = World::room();
+    let mut rng = Pcg32::seed_from_u64(7);
+    let config = MatcherConfig { prior_position_m: 0.0, search_points: 24, ..MatcherConfig::default() };
+    let hits = (0..60).filter(|seed| {
+        let truth = displacement(&mut rng);
+        let (distance, turn) = error(match_from(&world, truth, &config, 8.0, *seed).0.map_from_robot, truth);
+        distance < 0.05 && turn < 1.0
+    });
+    let found = hits.count();
+    assert!(found >= 55, "{found} of 60 found");
+}
+
+#[test]
+fn chosen_points_are_spread_over_the_scan() {
+    let points: Vec<_> = (0..10).map(|i| Point2::new(i as f32, 0.0)).collect();
+    let chosen = |count| spread(&points, count).iter().map(|point| point.x).collect::<Vec<_>>();
+    assert_eq!(chosen(4), [0.0, 2.0, 5.0, 7.0]);
+    assert!([0, 10, 256].iter().all(|count| chosen(*count).is_empty()), "all are looked at");
+}
+
+#[test]
 fn thesis_settings_find_the_displacement_too() {
     let config =
         MatcherConfig { newton_steps: 0, prior_position_m: 0.0, prior_heading_deg: 0.0, ..MatcherConfig::default() };

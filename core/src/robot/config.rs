@@ -80,7 +80,8 @@ pub struct RobotConfig {
 }
 
 impl Default for RobotConfig {
-    /// What fits a microcontroller: one grid of cells instead of four, squares of 0.1 m, 32 particles, beams of up to 8 m.
+    /// What fits a microcontroller: one grid of cells instead of four, searches with fewer points and members, 32
+    /// particles, beams of up to 8 m, a third of them printed.
     fn default() -> Self {
         Self {
             seed: 1,
@@ -90,13 +91,13 @@ impl Default for RobotConfig {
             ndt: NdtConfig { overlapping: false, ..NdtConfig::default() },
             search: SearchConfig::default(),
             de: DeConfig::default(),
-            matcher: MatcherConfig::default(),
+            matcher: MatcherConfig { search_points: 24, ..MatcherConfig::default() },
             odometry: OdometryConfig::default(),
-            recovery: RecoveryConfig::default(),
+            recovery: RecoveryConfig { population: 100, generations: 30, ..RecoveryConfig::default() },
             steps: StepConfig::default(),
             motion: ScanMatchingMotionConfig::default(),
             particles: LowSlamConfig { particles: 32, ..LowSlamConfig::default() },
-            particle_map: ParticleMapConfig::default(),
+            particle_map: ParticleMapConfig { print_step: 3, ..ParticleMapConfig::default() },
             rays: RayConfig { range_max_m: 8.0, ..RayConfig::default() },
             perception: PerceptionConfig::default(),
             refinement: RefinementConfig::default(),

@@ -17,7 +17,7 @@ pub const TILE_SIDE: usize = 8;
 /// Bytes of the longest telegram: a URG-04LX's 682 beams, or any of an LMS2xx.
 const TELEGRAM: usize = 2304;
 /// Members of the widest search, that of a robot that is lost.
-const POPULATION: usize = 300;
+const POPULATION: usize = 100;
 /// Tiles of the matcher's reference that can be told apart, in one plane.
 const NDT_DIRECTORY: usize = 256;
 
@@ -64,10 +64,10 @@ pub struct RobotPools<
 }
 
 /// 32 particles at 8 m within 512 KiB of RAM, stack and buffers included: a Cortex-M7 such as the STM32H743.
-pub type StandardPools = RobotPools<1792, 1024, 32, 64, 682, 174, 16384>;
+pub type StandardPools = RobotPools<1792, 1024, 32, 64, 682, 180, 16384>;
 
 /// 12 particles at 4 m within 192 KiB: a Cortex-M4F such as the STM32F405.
-pub type CompactPools = RobotPools<448, 256, 12, 24, 384, 64, 6144>;
+pub type CompactPools = RobotPools<448, 256, 12, 24, 384, 74, 6144>;
 
 /// 64 particles at 8 m, and minutes that a host may be away: a robot with a Linux computer.
 pub type LargePools = RobotPools<16384, 1024, 64, 128, 682, 256, 1_048_576>;
