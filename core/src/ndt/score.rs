@@ -59,6 +59,9 @@ impl NdtGrid<'_> {
     }
 
     fn layer_score(&self, points: &[Point2], map_from_robot: Pose2, layer: u32, at_least: f32) -> f32 {
+        if self.tiles_used() == 0 {
+            return 0.0; // a robot's first scan is searched for in nothing
+        }
         let at = Rotated::new(map_from_robot);
         let (chunks, rest) = points.as_chunks::<LANES>();
         let mut score = 0.0;
