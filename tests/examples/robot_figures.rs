@@ -59,6 +59,9 @@ fn compact() -> RobotConfig {
     let mut config = RobotConfig::default();
     config.particles.particles = 12;
     config.rays.range_max_m = 4.0;
+    // They take little time: all of it may look at more.
+    config.matcher.search_points = 32;
+    (config.particle_map.print_step, config.perception.beam_step) = (3, 4);
     config
 }
 

@@ -81,7 +81,7 @@ pub struct RobotConfig {
 
 impl Default for RobotConfig {
     /// What fits a microcontroller: one grid of cells instead of four, searches with fewer points and members, 32
-    /// particles, beams of up to 8 m, a third of them printed.
+    /// particles, beams of up to 8 m, fewer of them weighed and printed.
     fn default() -> Self {
         Self {
             seed: 1,
@@ -91,15 +91,15 @@ impl Default for RobotConfig {
             ndt: NdtConfig { overlapping: false, ..NdtConfig::default() },
             search: SearchConfig::default(),
             de: DeConfig::default(),
-            matcher: MatcherConfig { search_points: 24, ..MatcherConfig::default() },
+            matcher: MatcherConfig { search_points: 16, ..MatcherConfig::default() },
             odometry: OdometryConfig::default(),
             recovery: RecoveryConfig { population: 100, generations: 30, ..RecoveryConfig::default() },
             steps: StepConfig::default(),
             motion: ScanMatchingMotionConfig::default(),
             particles: LowSlamConfig { particles: 32, ..LowSlamConfig::default() },
-            particle_map: ParticleMapConfig { print_step: 3, ..ParticleMapConfig::default() },
+            particle_map: ParticleMapConfig { print_step: 5, ..ParticleMapConfig::default() },
             rays: RayConfig { range_max_m: 8.0, ..RayConfig::default() },
-            perception: PerceptionConfig::default(),
+            perception: PerceptionConfig { beam_step: 6, ..PerceptionConfig::default() },
             refinement: RefinementConfig::default(),
             report: ReportConfig::default(),
         }
