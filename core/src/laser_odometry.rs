@@ -195,6 +195,11 @@ impl<'m> LaserOdometry<'m> {
         Ok(self.ndt.insert(hits, map_from_scan).dropped)
     }
 
+    /// Cells of the reference that count now stay as they are; see [`NdtGrid::freeze`]. For a robot in a map that shall not change.
+    pub fn freeze_reference(&mut self) {
+        self.ndt.freeze();
+    }
+
     /// Matches the next scan.
     ///
     /// * `robot_from_lrf` — where the laser sits on the robot

@@ -27,6 +27,7 @@ pub mod pose_f64;
 pub mod recording;
 pub mod robot;
 pub mod run_report;
+pub mod saved_map;
 pub mod scan_store;
 pub mod step_table;
 pub mod table;

@@ -26,6 +26,7 @@ use crate::output::{PendingFile, write_file};
 use crate::picture::write_picture;
 use crate::robot::{RobotMap, Sweeps};
 use crate::run_report::{BeamCounts, Cost, Program, RunReport, Source, peak_memory_bytes};
+use crate::saved_map::{self, SavedMap};
 use crate::scan_store::ScanStore;
 use crate::step_table::StepTable;
 use crate::trajectory::TimedPose;
@@ -86,7 +87,7 @@ pub struct Run<'m, L> {
     high: Option<HighSlam<'m>>,
     /// Drawn on the way by matching alone, whose path does not change.
     map: OccupancyMap,
-    /// Drawn at the end, from where the best particle was; a high level keeps its own.
+    /// Those that a map is drawn from again: at the end, from where the best particle was, or later; a high level keeps its own.
     scans: ScanStore,
     /// The place at which each of these was taken.
     drawn: Vec<usize>,
@@ -140,7 +141,8 @@ impl<'m> MapRun<'m> {
         }
         let step_from_robot = self.map_from_step.between(step.map_from_robot);
         let place = ScanPlace { stamp: scan.stamp, step: self.step_count.saturating_sub(1), step_from_robot };
-        self.place(&sweep, &low_pose(&step.odometry), place, step.filter.is_some())?;
+        let is_kept = if self.low.has_particles() { step.filter.is_some() } else { step.odometry.is_key };
+        self.place(&sweep, &low_pose(&step.odometry), place, is_kept)?;
         self.working += started.elapsed();
         Ok(step)
     }
@@ -230,13 +232,13 @@ impl<'m, L: LowLevel> Run<'m, L> {
 
     /// Keeps a scan that the low level has placed.
     ///
-    /// * `is_drawn` — the map is drawn from this one too, if there is no high level
-    fn place(&mut self, sweep: &Sweep<'_>, low: &LowPose, place: ScanPlace, is_drawn: bool) -> anyhow::Result<()> {
+    /// * `is_kept` — a map can be drawn from this one too; a high level judges for itself
+    fn place(&mut self, sweep: &Sweep<'_>, low: &LowPose, place: ScanPlace, is_kept: bool) -> anyhow::Result<()> {
         if let Some(high) = &mut self.high {
             if let Some(correction) = high.add_scan(sweep, low)? {
                 self.low.correct(&correction, high.scans())?;
             }
-        } else if is_drawn {
+        } else if is_kept {
             self.scans.add(sweep);
             self.drawn.push(self.places.len());
         }
@@ -291,6 +293,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
         self.draw();
         self.working += started.elapsed();
         let report = self.report(source, odometry, fault);
+        let saved = self.saved_map(&trajectory);
         let Self { out, map, config, steps, mut trajectory_file, .. } = self;
         for pose in &trajectory {
             pose.write_tum(&mut trajectory_file).with_context(|| cannot_write(&out.join("trajectory.tum")))?;
@@ -305,16 +308,33 @@ impl<'m, L: LowLevel> Run<'m, L> {
             let file = out.join("map.png");
             write_picture(&file, &raster, &trajectory).with_context(|| cannot_write(&file))?;
         }
+        saved.write(&out).with_context(|| cannot_write(&out.join(saved_map::FILE_NAME)))?;
         let file = out.join("run.json");
         let text = serde_json::to_string_pretty(&report)? + "\n";
         write_file(&file, text.as_bytes()).with_context(|| cannot_write(&file))?;
         Ok(report)
     }
 
+    /// All that is needed to draw the map again.
+    fn saved_map(&mut self, trajectory: &[TimedPose]) -> SavedMap {
+        if let Some(high) = &self.high {
+            return SavedMap::new(&self.config, high);
+        }
+        let mut scans = vec![None; trajectory.len()];
+        for (scan, place) in self.drawn.iter().enumerate() {
+            scans[*place] = u32::try_from(scan).ok();
+        }
+        let path = trajectory.iter().copied().zip(scans);
+        SavedMap::new(&self.config, &HighSlam::of_path(&self.config.high_slam(), path, std::mem::take(&mut self.scans)))
+    }
+
     /// Draws the kept scans from the path of the highest level.
     fn draw(&mut self) {
         if let Some(high) = &self.high {
             return high.draw(&mut self.map);
+        }
+        if !self.low.has_particles() {
+            return;
         }
         let mut beams = Vec::new();
         let trajectory = self.trajectory();

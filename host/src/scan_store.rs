@@ -1,20 +1,26 @@
 //! Scans kept in memory, so that the map can be drawn again when the path behind it has changed.
 //!
-//! Eight bytes a beam: bearing and range as they lie in the middle of the sweep; invalid beams are left out.
+//! Eight bytes a beam: bearing and range as they lie in the middle of the sweep; invalid beams are left out. Saved, it is two or three:
+//! ranges to 0.1 mm and bearings to 10 µrad, from beam to beam.
 
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::{Duration, Instant};
+use serde::{Deserialize, Serialize};
 
-#[derive(Debug, Clone, Copy)]
+/// Units of a saved range in a metre, and of a saved bearing in a radian.
+const RANGE_UNITS: f64 = 1e4;
+const BEARING_UNITS: f64 = 1e5;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct KeptBeam {
     bearing_rad: f32,
     /// Negative: nothing was seen.
     range_m: f32,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct KeptScan {
     stamp: Instant,
     range_max_m: f32,
@@ -23,8 +29,19 @@ struct KeptScan {
     end: usize,
 }
 
+/// A scan as it is saved: numbers from beam to beam, of which most are small.
+#[derive(Debug, Serialize, Deserialize)]
+struct SavedScan {
+    stamp: Instant,
+    range_max_m: f32,
+    robot_from_lrf: Pose2,
+    bearing_steps: Vec<i32>,
+    range_steps: Vec<i32>,
+}
+
 /// See the [module](self).
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(into = "Vec<SavedScan>", from = "Vec<SavedScan>")]
 pub struct ScanStore {
     beams: Vec<KeptBeam>,
     scans: Vec<KeptScan>,
@@ -95,6 +112,53 @@ impl ScanStore {
     }
 }
 
+impl From<ScanStore> for Vec<SavedScan> {
+    fn from(store: ScanStore) -> Self {
+        let saved = |(index, kept): (usize, &KeptScan)| {
+            let beams = store.beams_of(index).iter();
+            SavedScan {
+                stamp: kept.stamp,
+                range_max_m: kept.range_max_m,
+                robot_from_lrf: kept.robot_from_lrf,
+                bearing_steps: steps(beams.clone().map(|beam| beam.bearing_rad), BEARING_UNITS),
+                range_steps: steps(beams.map(|beam| beam.range_m), RANGE_UNITS),
+            }
+        };
+        store.scans.iter().enumerate().map(saved).collect()
+    }
+}
+
+impl From<Vec<SavedScan>> for ScanStore {
+    fn from(saved: Vec<SavedScan>) -> Self {
+        let mut store = Self::default();
+        for SavedScan { stamp, range_max_m, robot_from_lrf, bearing_steps, range_steps } in saved {
+            let ranges = values(&range_steps, RANGE_UNITS);
+            let beams = values(&bearing_steps, BEARING_UNITS).zip(ranges);
+            store.beams.extend(beams.map(|(bearing_rad, range_m)| KeptBeam { bearing_rad, range_m }));
+            store.scans.push(KeptScan { stamp, range_max_m, robot_from_lrf, end: store.beams.len() });
+        }
+        store
+    }
+}
+
+/// Each of `values` in units, less the one before.
+fn steps(values: impl Iterator<Item = f32>, units: f64) -> Vec<i32> {
+    let mut before = 0_i32;
+    let step = |value: f32| {
+        let now = (f64::from(value) * units).round() as i32;
+        now.wrapping_sub(std::mem::replace(&mut before, now))
+    };
+    values.map(step).collect()
+}
+
+/// What [`steps`] was made from.
+fn values(steps: &[i32], units: f64) -> impl Iterator<Item = f32> {
+    steps.iter().scan(0_i32, move |now, step| {
+        *now = now.wrapping_add(*step);
+        Some((f64::from(*now) / units) as f32)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,5 +185,25 @@ mod tests {
         assert!(matches!(found[1], (b, Echo::Miss) if near(b, 0.5)), "{found:?}");
         assert_eq!((found.len(), seen(1).unwrap().len(), seen(2).unwrap().len()), (2, 0, 1));
         assert!(seen(3).is_none());
+    }
+
+    #[test]
+    fn saved_scans_are_the_same_to_a_tenth_of_a_millimetre_and_stay_so() {
+        let beam = |bearing_rad, echo| Beam { bearing_rad, offset: Duration::ZERO, echo };
+        let beams = [beam(-1.234_567, Echo::Hit(7.654_321)), beam(0.0, Echo::Miss), beam(0.7, Echo::Hit(79.123_45))];
+        let mut store = ScanStore::default();
+        for beams in [&beams[..], &[], &beams[1..]] {
+            let scan = RangeScan { stamp: Instant::from_micros(-5), range_max_m: 81.0, beams };
+            store.add(&Sweep::at_rest(scan, Pose2::new(0.1, 0.0, 0.2)));
+        }
+        let bytes = postcard::to_stdvec(&store).unwrap();
+        let back: ScanStore = postcard::from_bytes(&bytes).unwrap();
+        assert_eq!((back.len(), &back.scans), (3, &store.scans));
+        for (beam, kept) in back.beams.iter().zip(&store.beams) {
+            let (range, bearing) = (beam.range_m - kept.range_m, beam.bearing_rad - kept.bearing_rad);
+            assert!(range.abs() < 6e-5 && bearing.abs() < 6e-6, "{beam:?} {kept:?}");
+            assert_eq!(beam.range_m < 0.0, kept.range_m < 0.0);
+        }
+        assert_eq!(postcard::to_stdvec(&back).unwrap(), bytes);
     }
 }

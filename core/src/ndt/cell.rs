@@ -6,6 +6,8 @@ use crate::math::exp2_neg;
 
 /// Fixed-point units along a cell's side.
 const UNITS_PER_CELL: f32 = 2048.0;
+/// Bit of a cell's count that says that the cell stays as it is.
+const FROZEN: u32 = 1 << 31;
 /// −½ log₂ e: turns a squared Mahalanobis distance into the exponent of a power of two.
 const MINUS_HALF_LOG2_E: f32 = -0.5 * core::f32::consts::LOG2_E;
 
@@ -38,6 +40,18 @@ impl CellSums {
         ] {
             *sum = sum.wrapping_add(term.wrapping_mul(sign));
         }
+    }
+
+    /// From now on no point is added or removed, if there are `points_min`.
+    pub(super) fn freeze(&mut self, points_min: u16) {
+        if self.count >= u32::from(points_min) {
+            self.count |= FROZEN;
+        }
+    }
+
+    /// True if no point may be added or removed.
+    pub(super) fn is_frozen(&self) -> bool {
+        self.count & FROZEN != 0
     }
 
     /// Halves the evidence once it has reached `count_max` points.

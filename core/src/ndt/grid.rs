@@ -134,6 +134,13 @@ impl<'m> NdtGrid<'m> {
         (self.taken, self.free, self.used) = (1, 0, 0);
     }
 
+    /// Every cell that counts now stays as it is: later points are left out there, and change only what had too few points so far.
+    pub fn freeze(&mut self) {
+        let points_min = self.config.points_min;
+        let cells = self.tiles.iter_mut().take(usize::from(self.taken)).flat_map(|tile| &mut tile.sums);
+        cells.for_each(|sums| sums.freeze(points_min));
+    }
+
     /// The configuration it was made with.
     pub fn config(&self) -> &NdtConfig {
         &self.config
@@ -194,6 +201,9 @@ impl<'m> NdtGrid<'m> {
         else {
             return false;
         };
+        if sums.is_frozen() {
+            return true;
+        }
         sums.update(u - left - 0.5, v - low - 0.5, sign);
         sums.fade(self.config.count_max);
         *gaussian = sums.gaussian(&self.config, centre);

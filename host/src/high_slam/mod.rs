@@ -12,13 +12,14 @@
 //! `map` is the first pose. The low level's poses are taken relative to one another.
 
 mod closing;
-mod correlation;
+pub(crate) mod correlation;
 mod particles;
 mod placing;
 mod pose_graph;
 mod reach;
+mod saved;
 mod segment;
-mod submap;
+pub(crate) mod submap;
 
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::ndt::NdtConfig;
@@ -29,6 +30,7 @@ use serde::Serialize;
 
 pub use closing::ClosureConfig;
 pub use particles::{HighParticles, HighParticlesConfig};
+pub use saved::{SavedPath, SavedPathError};
 pub use segment::SegmentConfig;
 
 use self::closing::{Closer, Closure};

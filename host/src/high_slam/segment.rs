@@ -72,7 +72,7 @@ pub struct Segment {
     /// Length of the way, m.
     pub travel_m: f32,
     /// Rotation, both ways added up, rad.
-    rotation_rad: f32,
+    pub(super) rotation_rad: f32,
 }
 
 impl Segment {
