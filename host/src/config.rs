@@ -25,6 +25,7 @@ use lrfslam_core::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::high_slam::{ClosureConfig, HighConfig, HighConfigs, HighParticlesConfig, SegmentConfig};
+use crate::localize::LocalizeConfig;
 use crate::log::LogOptions;
 use crate::mapper::MemoryConfig;
 use crate::occupancy_map::MapConfig;
@@ -151,6 +152,8 @@ run_config! {
     closure: ClosureConfig,
     /// Particles of the high level.
     high_particles: HighParticlesConfig,
+    /// Localisation.
+    localize: LocalizeConfig,
     /// Memory.
     memory: MemoryConfig,
     /// When the robot is too fast.

@@ -16,6 +16,8 @@ pub mod genealogy;
 pub mod high_slam;
 pub mod link;
 pub mod live;
+pub mod localize;
+pub mod localize_run;
 pub mod log;
 pub mod map_io;
 pub mod map_run;

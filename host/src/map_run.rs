@@ -293,7 +293,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
         self.draw();
         self.working += started.elapsed();
         let report = self.report(source, odometry, fault);
-        let saved = self.saved_map(&trajectory);
+        let saved = self.saved_map(&trajectory)?;
         let Self { out, map, config, steps, mut trajectory_file, .. } = self;
         for pose in &trajectory {
             pose.write_tum(&mut trajectory_file).with_context(|| cannot_write(&out.join("trajectory.tum")))?;
@@ -316,16 +316,18 @@ impl<'m, L: LowLevel> Run<'m, L> {
     }
 
     /// All that is needed to draw the map again.
-    fn saved_map(&mut self, trajectory: &[TimedPose]) -> SavedMap {
+    fn saved_map(&mut self, trajectory: &[TimedPose]) -> anyhow::Result<SavedMap> {
         if let Some(high) = &self.high {
-            return SavedMap::new(&self.config, high);
+            return Ok(SavedMap::new(&self.config, high));
         }
         let mut scans = vec![None; trajectory.len()];
         for (scan, place) in self.drawn.iter().enumerate() {
             scans[*place] = u32::try_from(scan).ok();
         }
         let path = trajectory.iter().copied().zip(scans);
-        SavedMap::new(&self.config, &HighSlam::of_path(&self.config.high_slam(), path, std::mem::take(&mut self.scans)))
+        let scans_kept = std::mem::take(&mut self.scans);
+        let high = HighSlam::of_path(&self.config.high_slam(), path, scans_kept)?;
+        Ok(SavedMap::new(&self.config, &high))
     }
 
     /// Draws the kept scans from the path of the highest level.

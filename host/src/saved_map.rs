@@ -1,4 +1,4 @@
-//! A map that lives on: `map.lrfslam`, everything that is needed to draw it again, to go on with it, or to find a robot in it.
+//! A map that lives on: `map.lrfslam`, everything that is needed to draw it again, and to find a robot in it.
 //!
 //! 8 bytes magic, version (u16), length (u64) and CRC-32 (ISO-HDLC, u32) of the rest, all little endian; the rest is a gzip stream of postcard:
 //! the program's version, the configuration as TOML, the scans kept (ranges to 0.1 mm, bearings to 10 µrad), their path and its pose graph.
@@ -78,7 +78,7 @@ pub enum SavedMapError {
 
 impl SavedMap {
     /// What is to be saved of `high`.
-    pub fn new(config: &RunConfig, high: &HighSlam) -> Self {
+    pub fn new(config: &RunConfig, high: &HighSlam<'_>) -> Self {
         let (path, scans) = (high.saved(), high.scans().clone());
         Self { program: Program::THIS.version.to_owned(), config: *config, path, scans }
     }
@@ -125,7 +125,7 @@ impl SavedMap {
     ///
     /// # Errors
     /// If its parts do not fit together.
-    pub fn high_slam(&self, config: &RunConfig) -> Result<HighSlam, SavedPathError> {
+    pub fn high_slam(&self, config: &RunConfig) -> Result<HighSlam<'static>, SavedPathError> {
         HighSlam::restored(&config.high_slam(), &self.path, self.scans.clone())
     }
 }
@@ -160,4 +160,98 @@ fn unpack(packed: &[u8]) -> Result<Vec<u8>, String> {
     let read = GzDecoder::new(packed).take(UNPACKED_MAX + 1).read_to_end(&mut content);
     read.map_err(|error| error.to_string())?;
     if content.len() as u64 > UNPACKED_MAX { Err("it is too large for a map".to_owned()) } else { Ok(content) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lrfslam_core::geometry::Pose2;
+    use lrfslam_core::scan::{Beam, Echo, RangeScan};
+    use lrfslam_core::sweep::Sweep;
+    use lrfslam_core::time::{Duration, Instant};
+    use proptest::prelude::*;
+
+    use crate::high_slam::LowPose;
+
+    /// A drive of 12 m, three segments long.
+    fn saved() -> SavedMap {
+        let config = RunConfig::default();
+        let mut high = HighSlam::new(&config.high_slam(), None);
+        for i in 0..40 {
+            let beam = |k: i32| Beam {
+                bearing_rad: 0.1 * k as f32,
+                offset: Duration::ZERO,
+                echo: if k % 7 == 0 { Echo::Miss } else { Echo::Hit(3.0 + 0.01 * (i + k) as f32) },
+            };
+            let beams: Vec<Beam> = (-15..=15).map(beam).collect();
+            let stamp = Instant::from_micros(200_000 * i64::from(i));
+            let scan = RangeScan { stamp, range_max_m: 8.0, beams: &beams };
+            let map_from_robot = Pose2::new(0.3 * i as f32, 0.0, 0.01 * i as f32);
+            let low = LowPose { map_from_robot, undetermined: None, is_lost: false };
+            high.add_scan(&Sweep::at_rest(scan, Pose2::new(0.1, 0.0, 0.0)), &low).unwrap();
+        }
+        SavedMap::new(&config, &high)
+    }
+
+    fn written() -> (tempfile::TempDir, PathBuf, Vec<u8>) {
+        let folder = tempfile::tempdir().unwrap();
+        saved().write(folder.path()).unwrap();
+        let file = folder.path().join(FILE_NAME);
+        let bytes = std::fs::read(&file).unwrap();
+        (folder, file, bytes)
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let (folder, _, bytes) = written();
+        let (map, back) = (saved(), SavedMap::read(folder.path()).unwrap());
+        assert_eq!((&back.path, back.config, back.scans.len()), (&map.path, map.config, 40));
+        let [before, after] = [&map, &back].map(|map| {
+            let high = map.high_slam(&map.config).unwrap();
+            high.trajectory().map(|pose| (pose.stamp, pose.map_from_robot)).collect::<Vec<_>>()
+        });
+        assert_eq!((before.len(), &before), (40, &after));
+        back.write(folder.path()).unwrap();
+        assert_eq!(std::fs::read(folder.path().join(FILE_NAME)).unwrap(), bytes, "saved again it is the same");
+    }
+
+    #[test]
+    fn wrong_files_are_named_with_what_was_expected() {
+        let (folder, file, bytes) = written();
+        let error = |bytes: &[u8]| {
+            std::fs::write(&file, bytes).unwrap();
+            let error = SavedMap::read(folder.path()).unwrap_err().to_string();
+            assert!(error.starts_with(&file.display().to_string()), "{error}");
+            error
+        };
+        assert!(error(b"P5\n3 2\n").contains("not a saved map"));
+        assert!(error(&bytes[..12]).contains("expected 22 bytes, found 12"));
+        assert!(error(&bytes[..bytes.len() - 1]).contains("the file is cut or damaged"));
+        assert!(error(&[&bytes[..], &[0]].concat()).contains("the file is cut or damaged"));
+        let flipped = |index: usize| {
+            let mut bytes = bytes.clone();
+            bytes[index] ^= 4;
+            bytes
+        };
+        assert!(error(&flipped(8)).contains("saved map of version 5, expected version 1"));
+        assert!(error(&flipped(bytes.len() / 2)).contains("the checksum is"));
+        std::fs::remove_file(&file).unwrap();
+        assert!(SavedMap::read(folder.path()).unwrap_err().to_string().contains("not there; expected a folder"));
+    }
+
+    proptest! {
+        /// Past the checksum there may still be anything.
+        #[test]
+        fn contents_that_are_wrong_never_panic(at in 0_usize..6000, byte in any::<u8>()) {
+            let map = saved();
+            let mut bytes = postcard::to_stdvec(&(&map.path, &map.scans)).unwrap();
+            let at = at % bytes.len();
+            bytes[at] = byte;
+            if let Ok((path, scans)) = postcard::from_bytes::<(SavedPath, ScanStore)>(&bytes)
+                && let Ok(high) = HighSlam::restored(&map.config.high_slam(), &path, scans)
+            {
+                prop_assert!(high.trajectory().count() <= 41);
+            }
+        }
+    }
 }

@@ -18,7 +18,7 @@ fn map_writes_all_its_results() {
     let out = folder.path().join("hall-map");
     let mut names: Vec<_> = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
-    assert_eq!(names, ["map.pgm", "map.png", "map.yaml", "run.json", "steps.csv", "trajectory.tum"]);
+    assert_eq!(names, ["map.lrfslam", "map.pgm", "map.png", "map.yaml", "run.json", "steps.csv", "trajectory.tum"]);
     assert_eq!(fs::read_to_string(out.join("trajectory.tum")).unwrap().lines().count(), 40);
     assert!(fs::read_to_string(out.join("map.yaml")).unwrap().contains("resolution: 0.100000"));
     assert!(fs::read(out.join("map.pgm")).unwrap().starts_with(b"P5\n"));

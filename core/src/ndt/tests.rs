@@ -252,3 +252,23 @@ fn corridor_constrains_across_and_a_corner_both_ways() {
     let [xx, _, yy] = grid.constraint(&corner(), Pose2::IDENTITY);
     assert!(xx > 0.2 && yy > 0.2, "{xx} {yy}");
 }
+
+#[test]
+fn frozen_cells_stay_and_others_take_points() {
+    let mut memory = Memory::new(40);
+    let mut grid = memory.grid(&SINGLE);
+    let beyond = [Point2::new(-3.2, -3.2), Point2::new(-3.3, -3.1), Point2::new(-3.1, -3.3), Point2::new(-3.2, -3.1)];
+    grid.insert(&corner(), Pose2::IDENTITY);
+    grid.freeze();
+    let before = grid.score(&corner(), Pose2::IDENTITY);
+    let moved = Pose2::new(0.05, 0.08, 0.0);
+    grid.insert(&corner(), moved);
+    assert_eq!(grid.score(&corner(), Pose2::IDENTITY), before);
+    assert_eq!(grid.score(&beyond, Pose2::IDENTITY), 0.0);
+    grid.insert(&beyond, Pose2::IDENTITY);
+    assert!(grid.score(&beyond, Pose2::IDENTITY) > 1.0);
+    grid.clear();
+    assert_eq!((grid.tiles_used(), grid.score(&corner(), Pose2::IDENTITY)), (0, 0.0));
+    grid.insert(&corner(), moved);
+    assert!(grid.score(&corner(), moved) > grid.score(&corner(), Pose2::IDENTITY));
+}

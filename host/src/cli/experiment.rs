@@ -7,6 +7,7 @@ use anyhow::Context as _;
 use clap::{Args, Subcommand};
 
 use super::cloud::{TiltArgs, from_log};
+use super::experiment_starts::{self, StartsArgs};
 use super::experiment_sweep::{self, SweepArgs};
 use super::{Failure, print};
 use crate::cloud::EdgeFilter;
@@ -40,6 +41,7 @@ enum Command {
     Map3d(Map3dArgs),
     Growth(GrowthArgs),
     Loop(LoopArgs),
+    Starts(StartsArgs),
 }
 
 /// Does the loop close (figure 3.11)? Maps a log with its true path by each number of levels, seed after seed.
@@ -147,6 +149,7 @@ pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
         Command::Map3d(args) => run_map3d(args),
         Command::Growth(args) => run_growth(args),
         Command::Loop(args) => run_loops(args),
+        Command::Starts(args) => experiment_starts::run(args),
     }
 }
 

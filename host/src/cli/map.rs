@@ -18,7 +18,7 @@ use crate::run_report::{Input, RunReport, Source, sha256_of_file};
 ///
 /// LOG is a CARMEN log (FLASER, ROBOTLASER1), a DP-SLAM log or tinySLAM's URG-04LX sample, plain or gzip. Written are
 /// trajectory.tum (the robot's pose for every scan), map.pgm and map.yaml (for ROS), map.png (for people), steps.csv
-/// (what the particle filter did) and run.json.
+/// (what the particle filter did), run.json and map.lrfslam (for `lrfslam localize`).
 #[derive(Debug, Args)]
 pub(super) struct MapArgs {
     /// The log.
@@ -48,7 +48,7 @@ pub(super) struct MapArgs {
 pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
     let config = args.particles.load(args.config.as_deref(), &args.set)?;
     let mut log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let out = args.out.clone().unwrap_or_else(|| default_folder(&args.log));
+    let out = args.out.clone().unwrap_or_else(|| folder_for(&args.log, "map"));
     let input = input(&args.log, &log).map_err(Failure::Start)?;
     let mut memory = RunMemory::new(&config, args.particles.threads());
     let mut map = MapRun::open(&out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
@@ -87,7 +87,7 @@ fn map_scans(
     Ok(())
 }
 
-fn input(path: &Path, log: &LogReader) -> anyhow::Result<Input> {
+pub(super) fn input(path: &Path, log: &LogReader) -> anyhow::Result<Input> {
     let name = path.display().to_string();
     let sha256 = sha256_of_file(path).with_context(|| format!("{name}: cannot be read"))?;
     Ok(Input { name, sha256, bytes: log.size_bytes(), format: log.format() })
@@ -105,15 +105,15 @@ fn with_cause(error: anyhow::Error, fault: Option<&anyhow::Error>) -> anyhow::Er
     }
 }
 
-/// `intel.log.gz` → `intel-map`.
-fn default_folder(log: &Path) -> PathBuf {
+/// `intel.log.gz` and "map" → `intel-map`.
+pub(super) fn folder_for(log: &Path, what: &str) -> PathBuf {
     let name = log.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.split('.').find(|part| !part.is_empty()).unwrap_or("log");
-    PathBuf::from(format!("{stem}-map"))
+    PathBuf::from(format!("{stem}-{what}"))
 }
 
 /// Bytes read of the log, with scans per second and time left; hidden if stderr is not a terminal.
-fn progress_bar(size_bytes: u64, quiet: bool) -> ProgressBar {
+pub(super) fn progress_bar(size_bytes: u64, quiet: bool) -> ProgressBar {
     let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(10) };
     let bar = ProgressBar::with_draw_target(Some(size_bytes), target);
     let template = "{bar:40} {percent:>3} %  {msg}  {elapsed} gone, {eta} left";
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn results_are_named_after_the_log() {
-        let named = |log: &str| default_folder(Path::new(log)).display().to_string();
+        let named = |log: &str| folder_for(Path::new(log), "map").display().to_string();
         assert_eq!(named("data/intel.log.gz"), "intel-map");
         assert_eq!(named(".hidden"), "hidden-map");
         assert_eq!(named("/"), "log-map");

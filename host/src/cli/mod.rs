@@ -11,9 +11,11 @@ mod config;
 pub mod demo;
 mod eval;
 mod experiment;
+mod experiment_starts;
 mod experiment_sweep;
 mod laser;
 mod live_scans;
+mod localize;
 mod lrf;
 mod map;
 mod particles;
@@ -40,6 +42,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Map(map::MapArgs),
+    Localize(localize::LocalizeArgs),
     Eval(eval::EvalArgs),
     Cloud(cloud::CloudArgs),
     Run(run::RunArgs),
@@ -88,6 +91,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>, show: &Show) -> ExitCode {
     };
     let done = match &cli.command {
         Command::Map(args) => map::run(args),
+        Command::Localize(args) => localize::run(args),
         Command::Eval(args) => eval::run(args),
         Command::Cloud(args) => cloud::run(args),
         Command::Run(args) => run::run(args),

@@ -11,6 +11,7 @@ mod match_pairs;
 mod motion_model;
 mod pair;
 mod plots;
+mod starts;
 mod sweep;
 
 pub use findings::{Experiment, markdown};
@@ -21,4 +22,5 @@ pub use match_pairs::{MatchPairsConfig, MatchPairsError, MatchPairsReport, match
 pub use motion_model::{AxisModel, MotionModel, fit_motion_model};
 pub use pair::Contender;
 pub use plots::{PlotError, plot_distributions, plot_errors};
+pub use starts::{StartFound, StartOutcome, StartsConfig, starts_csv, starts_summary, try_starts};
 pub use sweep::{CaseSummary, Method, PairError, SweepCase, SweepConfig, SweepError, SweepReport, sweep, write_csv};

@@ -106,6 +106,15 @@ impl Closure {
     }
 }
 
+/// How hard a pose is searched for: the wider the window, the more is saved by asking less.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Effort {
+    /// A pose with a smaller mean likelihood of the points is not looked for.
+    pub likelihood_min: f32,
+    /// Points that are used.
+    pub points: usize,
+}
+
 /// Tiles along the side of the directory of a place's NDT.
 const DIRECTORY_SIDE: usize = 128;
 
@@ -134,7 +143,21 @@ impl Closer {
 
     /// Finds `query` in `place`; its pose there, if nothing speaks against it.
     pub fn find(&mut self, query: &Submap, place: &Submap, window: &SearchWindow) -> Option<Place> {
-        let coarse = self.search(query, place, window)?;
+        let grid = CorrelationGrid::new(place.points())?;
+        let effort = Effort { likelihood_min: 0.5 * self.config.on_walls_min, points: 300 };
+        self.find_on(&grid, query, place, window, effort)
+    }
+
+    /// The same; `grid` is that of `place`, for one that is searched more than once.
+    pub fn find_on(
+        &mut self,
+        grid: &CorrelationGrid,
+        query: &Submap,
+        place: &Submap,
+        window: &SearchWindow,
+        effort: Effort,
+    ) -> Option<Place> {
+        let coarse = self.search(grid, query, window, effort)?;
         let found = self.refine(query, place, coarse)?;
         let near = coarse.between(found.pose);
         let is_near = near.position().norm() < 0.3 && near.heading.abs() < 0.05;
@@ -142,10 +165,9 @@ impl Closer {
     }
 
     /// The best pose of the window, if there is no other one nearly as good.
-    fn search(&self, query: &Submap, place: &Submap, window: &SearchWindow) -> Option<Pose2> {
-        let grid = CorrelationGrid::new(place.points())?;
-        let points: Vec<Point2> = thinned(query.points());
-        let best = grid.search(&points, window, 0.5 * self.config.on_walls_min, None)?;
+    fn search(&self, grid: &CorrelationGrid, query: &Submap, window: &SearchWindow, effort: Effort) -> Option<Pose2> {
+        let points: Vec<Point2> = thinned(query.points(), effort.points);
+        let best = grid.search(&points, window, effort.likelihood_min, None)?;
         let excluded = Excluded { pose: best.pose, distance_m: 1.0, heading_rad: 0.2 };
         let second = grid.search(&points, window, self.config.second_share_max * best.share, Some(excluded));
         second.is_none().then_some(best.pose)
@@ -154,7 +176,9 @@ impl Closer {
     /// The optimum of the NDT near `coarse`, if something is known about every axis.
     fn refine(&mut self, query: &Submap, place: &Submap, coarse: Pose2) -> Option<Place> {
         let mut ndt = NdtGrid::new(&self.ndt, &mut self.directory, &mut self.tiles).ok()?;
-        ndt.insert(place.points(), Pose2::IDENTITY);
+        let reach_m = query.points().iter().map(|point| point.norm()).fold(0.0, f32::max) + 1.0;
+        let near = |point: &&Point2| (**point - coarse.position()).norm() <= reach_m;
+        ndt.insert(&place.points().iter().filter(near).copied().collect::<Vec<_>>(), Pose2::IDENTITY);
         let matcher = MatcherConfig { prior_position_m: 0.0, prior_heading_deg: 0.0, ..MatcherConfig::default() };
         let mut none: [Member<3>; 0] = [];
         let matcher = ScanMatcher::new(&SearchConfig::default(), &DeConfig::default(), &matcher, &mut none);
@@ -214,7 +238,7 @@ fn discrepancy(a: &Closure, b: &Closure, nodes: &[PoseF64]) -> PoseF64 {
     by_a.between(by_b)
 }
 
-/// Every n-th point, so that about 300 are left: enough to find a pose.
-fn thinned(points: &[Point2]) -> Vec<Point2> {
-    points.iter().copied().step_by((points.len() / 300).max(1)).collect()
+/// Every n-th point, so that about `count` are left.
+fn thinned(points: &[Point2], count: usize) -> Vec<Point2> {
+    points.iter().copied().step_by((points.len() / count).max(1)).collect()
 }

@@ -11,7 +11,7 @@
 //! # Frames
 //! `map` is the first pose. The low level's poses are taken relative to one another.
 
-mod closing;
+pub(crate) mod closing;
 pub(crate) mod correlation;
 mod particles;
 mod placing;

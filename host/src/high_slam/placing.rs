@@ -68,6 +68,11 @@ impl HighSlam<'_> {
         }
     }
 
+    /// The scans kept, where they are known to be now: those that are so far from, m, or so far turned to, rad, the one before.
+    pub fn placed_scans(&self, (step_m, step_rad): (f32, f32)) -> impl Iterator<Item = (Pose2, u32)> {
+        apart((0..=self.segments.len()).flat_map(|k| self.scans_of(k)), step_m, step_rad)
+    }
+
     fn scans_of(&self, k: usize) -> impl Iterator<Item = (Pose2, u32)> {
         self.placed(k).filter_map(|(pose, of)| Some((pose.to_f32(), of.scan?)))
     }

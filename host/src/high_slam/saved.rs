@@ -1,6 +1,7 @@
 //! The high level's state as it is saved: the path cut into segments, and the graph that holds them together.
 
 use lrfslam_core::geometry::Pose2;
+use lrfslam_core::rays::RayCapacityError;
 use lrfslam_core::time::Instant;
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
@@ -53,7 +54,9 @@ struct SavedEdge {
 #[non_exhaustive]
 pub enum SavedPathError {
     /// Every segment starts at a node.
-    #[error("it has {segments} stretches of path and {nodes} starts of such, expected as many of both and at least one")]
+    #[error(
+        "it has {segments} stretches of path and {nodes} starts of such, expected as many of both and at least one"
+    )]
     Nodes {
         /// Segments, the open one with them.
         segments: usize,
@@ -71,7 +74,7 @@ pub enum SavedPathError {
     NotFinite,
 }
 
-impl HighSlam {
+impl HighSlam<'_> {
     /// Its state, but for the scans.
     pub fn saved(&self) -> SavedPath {
         let edge = |edge: &Edge| SavedEdge {
@@ -94,7 +97,7 @@ impl HighSlam {
     /// If the parts do not fit together.
     pub fn restored(config: &HighConfigs, saved: &SavedPath, scans: ScanStore) -> Result<Self, SavedPathError> {
         saved.check(scans.len())?;
-        let mut high = Self::new(config);
+        let mut high = Self::new(config, None);
         high.scans = scans;
         high.graph = PoseGraph::default();
         for node in &saved.nodes {
@@ -103,7 +106,13 @@ impl HighSlam {
         for edge in &saved.edges {
             let information = Matrix3::from_column_slice(&edge.information);
             let (from, to) = (edge.from as usize, edge.to as usize);
-            high.graph.add_edge(Edge { from, to, from_to: pose(edge.from_to), information, is_closure: edge.is_closure });
+            high.graph.add_edge(Edge {
+                from,
+                to,
+                from_to: pose(edge.from_to),
+                information,
+                is_closure: edge.is_closure,
+            });
         }
         high.segments = saved.segments.iter().map(Segment::from).collect();
         high.open = high.segments.pop().unwrap_or_else(Segment::empty);
@@ -113,8 +122,15 @@ impl HighSlam {
     }
 
     /// One that holds a finished path as it is: poses, and which of `scans` were taken there.
-    pub fn of_path(config: &HighConfigs, path: impl Iterator<Item = (TimedPose, Option<u32>)>, scans: ScanStore) -> Self {
-        let mut high = Self::new(config);
+    ///
+    /// # Errors
+    /// As [`add_scan`](Self::add_scan).
+    pub fn of_path(
+        config: &HighConfigs,
+        path: impl Iterator<Item = (TimedPose, Option<u32>)>,
+        scans: ScanStore,
+    ) -> Result<Self, RayCapacityError> {
+        let mut high = Self::new(config, None);
         high.config.closure.enabled = false;
         high.scans = scans;
         let mut before: Option<Pose2> = None;
@@ -124,10 +140,10 @@ impl HighSlam {
             let step = LowStep { stamp, previous_from_robot, undetermined: None, is_lost: false, scan };
             high.open.push(&high.config.segment, &step);
             if high.open.is_complete(&high.config.segment) {
-                high.complete_segment();
+                high.complete_segment()?;
             }
         }
-        high
+        Ok(high)
     }
 }
 

@@ -48,6 +48,11 @@ impl MapperMemory {
         let pools = || ParticlePools::new(&config.low_slam(), &config.memory, threads);
         Self { odometry: MatcherPools::new(config), particles: (config.hierarchy.levels > 0).then(pools) }
     }
+
+    /// That of matching alone.
+    pub fn lend_odometry(&mut self) -> OdometryMemory<'_> {
+        self.odometry.lend()
+    }
 }
 
 #[derive(Debug)]

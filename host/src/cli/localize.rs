@@ -1,0 +1,170 @@
+//! `lrfslam localize`: a log and a saved map in; the robot's path in that map out, and how sure it is.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use lrfslam_core::geometry::Pose2;
+
+use super::map::{input, progress_bar};
+use super::{Failure, print};
+use crate::config::RunConfig;
+use crate::localize::{KnownMap, LocalizeCounts, LocalizerMemory};
+use crate::localize_run::{LocalizeReport, LocalizeRun};
+use crate::log::LogReader;
+use crate::run_report::{Program, Source};
+use crate::saved_map::SavedMap;
+
+/// Find and track the robot in a map that was made before; the map is not changed.
+///
+/// Written are trajectory.tum (the robot's pose in the map for every scan at which it is known), localization.csv (for every scan: pose, standard
+/// deviations, and the probability that the position is right) and run.json.
+#[derive(Debug, Args)]
+pub(super) struct LocalizeArgs {
+    /// The log.
+    log: PathBuf,
+    /// Folder that `lrfslam map` has written.
+    #[arg(long, value_name = "DIR")]
+    map: PathBuf,
+    /// Where the robot starts in the map: metres and degrees, or "end", where it was last when the map was made. Without this it finds itself.
+    #[arg(long, value_name = "X,Y,DEG", value_parser = start, allow_hyphen_values = true)]
+    start: Option<Start>,
+    /// Folder for the results; made if it is not there [default: the log's name with -localized behind it, here].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Configuration; what it leaves out is as the map was made with.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Change one value of the configuration; may be given more than once.
+    #[arg(long, value_name = "SECTION.KEY=VALUE")]
+    set: Vec<String>,
+    /// Start of the random numbers: the same seed gives the same path.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// No progress bar and no summary.
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// Where a robot starts in a saved map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Start {
+    /// Where it was last.
+    End,
+    /// A pose.
+    At(Pose2),
+}
+
+impl Start {
+    pub(super) fn pose(self, map: &KnownMap) -> Pose2 {
+        match self {
+            Self::End => map.last_pose(),
+            Self::At(pose) => pose,
+        }
+    }
+}
+
+pub(super) fn start(text: &str) -> Result<Start, String> {
+    if text == "end" {
+        return Ok(Start::End);
+    }
+    let numbers: Option<Vec<f32>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, degrees]) if [x, y, degrees].iter().all(|number| number.abs() <= 1e4) => {
+            Ok(Start::At(Pose2::new(x, y, degrees.to_radians())))
+        }
+        _ => Err("expected \"end\", or x, y in metres and a heading in degrees, such as 1.5,-2,90".to_owned()),
+    }
+}
+
+/// The configuration that the map was made with, then that in `file`, then the overrides `set`.
+pub(super) fn config_of(saved: &SavedMap, file: Option<&Path>, set: &[String]) -> Result<RunConfig, Failure> {
+    RunConfig::load_over(saved.config, file, set).map_err(Failure::start)
+}
+
+pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
+    let saved = SavedMap::read(&args.map).map_err(Failure::start)?;
+    let config = config_of(&saved, args.config.as_deref(), &args.set)?;
+    let map = KnownMap::new(&saved, &config).map_err(|error| not_whole(&args.map, &error))?;
+    let mut log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
+    let out = args.out.clone().unwrap_or_else(|| super::map::folder_for(&args.log, "localized"));
+    let about = input(&args.log, &log).map_err(Failure::Start)?;
+    let start = args.start.map(|start| start.pose(&map));
+    let mut memory = LocalizerMemory::new(&config);
+    let opened = LocalizeRun::open(&out, (&config, args.seed), &map, start, &mut memory);
+    let mut run = opened.map_err(Failure::Start)?;
+    let progress = progress_bar(log.size_bytes(), args.quiet);
+    let fault = locate_scans(&mut log, &mut run, &config, &progress).err();
+    progress.finish_and_clear();
+    let source = Source::Log { input: about, log: log.counts(), range_max_m: log.range_max_m() };
+    let report = run.finish(|localisation, first_found_after_s| LocalizeReport {
+        program: Program::THIS,
+        map: args.map.display().to_string(),
+        map_program: saved.program.clone(),
+        source,
+        config,
+        seed: args.seed,
+        start: start.map(|pose| [pose.x, pose.y, pose.heading.to_degrees()]),
+        localisation,
+        first_found_after_s,
+        fault: fault.as_ref().map(|error| format!("{error:#}")),
+    });
+    let report = report.map_err(Failure::Work)?;
+    if !args.quiet {
+        print(&summary(&report, &out))?;
+    }
+    match fault {
+        None => Ok(()),
+        Some(fault) => Err(Failure::Work(fault.context(format!("partial results are in {}", out.display())))),
+    }
+}
+
+pub(super) fn not_whole(folder: &Path, error: &impl std::fmt::Display) -> Failure {
+    let file = folder.join(crate::saved_map::FILE_NAME);
+    Failure::Start(anyhow::anyhow!("{}: damaged: {error}", file.display()))
+}
+
+fn locate_scans(
+    log: &mut LogReader,
+    run: &mut LocalizeRun<'_>,
+    config: &RunConfig,
+    progress: &indicatif::ProgressBar,
+) -> anyhow::Result<()> {
+    let bytes_read = log.bytes_read();
+    for scan in log.by_ref() {
+        let scan = scan?;
+        let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
+        run.add_scan(&scan.scan(), robot_from_lrf)?;
+        let rate = run.scans() as f64 / progress.elapsed().as_secs_f64().max(1e-6);
+        progress.set_message(format!("{rate:.0} scans/s"));
+        progress.set_position(bytes_read.get());
+    }
+    Ok(())
+}
+
+fn summary(report: &LocalizeReport, out: &Path) -> String {
+    let LocalizeCounts { tracked_scans, searching_scans, searches, found, lost } = report.localisation;
+    let mut text = format!("{} scans, pose known at {tracked_scans}", tracked_scans + searching_scans);
+    // Writing to a string cannot fail.
+    let _ = match report.first_found_after_s {
+        None => writeln!(text, "\nthe robot has not found itself in the map ({searches} searches)"),
+        Some(_) if report.start.is_some() => writeln!(text, "; lost {lost} times, found again {found} times"),
+        Some(after_s) => writeln!(text, "; found after {after_s:.1} s; found {found} times, lost {lost} times"),
+    };
+    let _ = writeln!(text, "results in {}", out.display());
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_start_is_a_pose_or_the_end() {
+        assert_eq!(start("end"), Ok(Start::End));
+        assert_eq!(start("1.5, -2,90"), Ok(Start::At(Pose2::new(1.5, -2.0, std::f32::consts::FRAC_PI_2))));
+        for wrong in ["", "1,2", "1,2,3,4", "a,b,c", "1,2,nan", "1,2,inf"] {
+            assert!(start(wrong).unwrap_err().contains("expected \"end\""), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! A saved map as it is searched and tracked in.
+
+use lrfslam_core::geometry::{Point2, Pose2};
+
+use crate::config::RunConfig;
+use crate::high_slam::correlation::{CorrelationGrid, SearchWindow};
+use crate::high_slam::submap::Submap;
+use crate::high_slam::{HighSlam, SavedPathError};
+use crate::saved_map::SavedMap;
+
+/// Scans so far apart, m, or so far turned, rad, tell where the walls are.
+const WALLS_APART: (f32, f32) = (0.2, 0.1);
+
+/// A map that does not change.
+#[derive(Debug)]
+pub struct KnownMap {
+    high: HighSlam<'static>,
+    walls: Submap,
+    /// `None`: nothing was seen.
+    grid: Option<CorrelationGrid>,
+    window: SearchWindow,
+}
+
+impl KnownMap {
+    /// The map that was saved.
+    ///
+    /// # Errors
+    /// If its parts do not fit together.
+    pub fn new(saved: &SavedMap, config: &RunConfig) -> Result<Self, SavedPathError> {
+        let high = saved.high_slam(config)?;
+        let walls = Submap::new(high.placed_scans(WALLS_APART), high.scans(), config.closure.range_max_m);
+        let grid = CorrelationGrid::new(walls.points());
+        let window = window_about(walls.points());
+        Ok(Self { high, walls, grid, window })
+    }
+
+    /// Where the robot was last when the map was made.
+    pub fn last_pose(&self) -> Pose2 {
+        self.high.trajectory().last().map_or(Pose2::IDENTITY, |pose| pose.map_from_robot)
+    }
+
+    pub(super) fn walls(&self) -> &Submap {
+        &self.walls
+    }
+
+    pub(super) fn high(&self) -> &HighSlam<'static> {
+        &self.high
+    }
+
+    /// The grid of all walls, and the window of all poses in it.
+    pub(super) fn search_space(&self) -> Option<(&CorrelationGrid, &SearchWindow)> {
+        self.grid.as_ref().map(|grid| (grid, &self.window))
+    }
+}
+
+/// All headings, and the square about `points`.
+fn window_about(points: &[Point2]) -> SearchWindow {
+    let (mut low, mut high) = (Point2::new(f32::MAX, f32::MAX), Point2::new(f32::MIN, f32::MIN));
+    for point in points {
+        low = Point2::new(low.x.min(point.x), low.y.min(point.y));
+        high = Point2::new(high.x.max(point.x), high.y.max(point.y));
+    }
+    let (centre, size) = ((low + high) * 0.5, high - low);
+    let distance_m = (0.5 * size.x.max(size.y)).max(0.0);
+    SearchWindow { centre: Pose2::new(centre.x, centre.y, 0.0), distance_m, heading_rad: std::f32::consts::PI }
+}

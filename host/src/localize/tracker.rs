@@ -1,0 +1,102 @@
+//! Follows the robot in the map.
+
+use lrfslam_core::filter::PointCapacityError;
+use lrfslam_core::geometry::{Point2, Pose2};
+use lrfslam_core::laser_odometry::{LaserOdometry, OdometryMemory};
+use lrfslam_core::ndt::NdtMemoryError;
+use lrfslam_core::scan::RangeScan;
+use rand_core::SeedableRng as _;
+use rand_pcg::Pcg32;
+
+use super::belief::Belief;
+use super::{KnownMap, LocalizeConfig, Located};
+use crate::config::RunConfig;
+use crate::high_slam::SegmentConfig;
+use crate::high_slam::submap::Agreement;
+
+/// The matcher's map is drawn from scans so far apart, m, or so far turned, rad.
+const REFERENCE_APART: (f32, f32) = (0.05, 0.035);
+/// Way after which a scan counts as a new witness for or against a place, m.
+const WITNESS_APART_M: f32 = 0.1;
+
+/// Laser odometry whose reference is the map and what was seen beyond it; see the [module](self).
+#[derive(Debug)]
+pub(super) struct Tracker<'m> {
+    config: LocalizeConfig,
+    segment: SegmentConfig,
+    odometry: LaserOdometry<'m>,
+    rng: Pcg32,
+    belief: Belief,
+    agreement: Agreement,
+    way_m: f32,
+}
+
+/// What a scan has told.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tracked {
+    pub(super) located: Located,
+    /// Probability that the place is right, wherever exactly.
+    pub(super) place_certainty: f32,
+}
+
+impl<'m> Tracker<'m> {
+    pub(super) fn new(config: &RunConfig, seed: u64, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
+        Ok(Self {
+            config: config.localize,
+            segment: config.segment,
+            odometry: LaserOdometry::new(&config.laser_odometry(), memory)?,
+            rng: Pcg32::seed_from_u64(seed),
+            belief: Belief::new(config.localize.found_certainty),
+            agreement: Agreement::default(),
+            way_m: 0.0,
+        })
+    }
+
+    /// Puts the robot into the map as it was saved.
+    pub(super) fn restart_at(&mut self, map: &KnownMap, map_from_robot: Pose2) -> Result<(), PointCapacityError> {
+        self.odometry.restart_at(map_from_robot);
+        let (scans, mut beams) = (map.high().scans(), Vec::new());
+        for (map_from_scan, scan) in map.high().placed_scans(REFERENCE_APART) {
+            if let Some(sweep) = scans.sweep(scan as usize, &mut beams) {
+                self.odometry.refer_to(&sweep, map_from_scan)?;
+            }
+        }
+        self.odometry.freeze_reference();
+        self.belief = Belief::new(self.config.found_certainty);
+        self.way_m = WITNESS_APART_M;
+        Ok(())
+    }
+
+    pub(super) fn add_scan(
+        &mut self,
+        map: &KnownMap,
+        scan: &RangeScan<'_>,
+        robot_from_lrf: Pose2,
+    ) -> Result<Tracked, PointCapacityError> {
+        let before = self.odometry.map_from_robot();
+        let step = self.odometry.step(scan, robot_from_lrf, None, &mut self.rng)?;
+        let map_from_robot = step.matched.map_from_robot;
+        let moved = before.between(map_from_robot);
+        self.way_m += way_m(moved);
+        self.belief.drift(&self.segment, moved, before.heading);
+        if self.way_m >= WITNESS_APART_M {
+            let hits: Vec<Point2> = scan.beams.iter().filter_map(|beam| beam.hit_in_lrf()).collect();
+            self.agreement = map.walls().agreement(&hits, map_from_robot * robot_from_lrf);
+            let moved_m = std::mem::take(&mut self.way_m).min(1.0);
+            self.belief.observe(&self.config, self.agreement, &step.matched.covariance, moved_m);
+        }
+        let located = Located {
+            map_from_robot,
+            covariance: self.belief.covariance(),
+            certainty: self.belief.certainty(&self.config),
+            on_walls: self.agreement.on_walls,
+            contradicting: self.agreement.contradicting,
+        };
+        Ok(Tracked { located, place_certainty: self.belief.place_certainty() })
+    }
+}
+
+/// Way of a step: a turn of a radian shows as much that is new as half a metre.
+pub(super) fn way_m(step: Pose2) -> f32 {
+    step.position().norm() + 0.5 * step.heading.abs()
+}

@@ -1,0 +1,152 @@
+//! A localisation under way: scans in, and at the end a folder with the path, what is known at every scan, and a report.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::scan::RangeScan;
+use lrfslam_core::time::Instant;
+use serde::Serialize;
+
+use crate::config::RunConfig;
+use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerMemory, Located};
+use crate::output::{PendingFile, write_file};
+use crate::run_report::{Program, Source};
+use crate::trajectory::TimedPose;
+
+const HEADER: &str =
+    "scan,time_s,state,x_m,y_m,heading_deg,sigma_x_m,sigma_y_m,sigma_heading_deg,certainty,on_walls,contradicting\n";
+
+/// What a localisation was: `run.json`.
+#[derive(Debug, Clone, Serialize)]
+pub struct LocalizeReport {
+    /// Name and version of the program.
+    pub program: Program,
+    /// Folder of the map.
+    pub map: String,
+    /// Version of the program that made the map.
+    pub map_program: String,
+    /// Where the scans came from.
+    #[serde(flatten)]
+    pub source: Source,
+    /// Every value used.
+    pub config: RunConfig,
+    /// Of the random numbers.
+    pub seed: u64,
+    /// Pose that the user gave: x, y (m), heading (degrees).
+    pub start: Option<[f32; 3]>,
+    /// What happened.
+    pub localisation: LocalizeCounts,
+    /// From the first scan to the first one with a pose, s; none if there is none.
+    pub first_found_after_s: Option<f64>,
+    /// The log was not read to its end.
+    pub fault: Option<String>,
+}
+
+/// See the [module](self).
+#[derive(Debug)]
+pub struct LocalizeRun<'m> {
+    localizer: Localizer<'m>,
+    out: PathBuf,
+    trajectory_file: PendingFile,
+    table: String,
+    scans: u64,
+    first: Option<Instant>,
+    first_found: Option<Instant>,
+}
+
+impl<'m> LocalizeRun<'m> {
+    /// A robot somewhere in `map`, or at `start`; results will be in `out`, and that it can be written to is found out here.
+    ///
+    /// # Errors
+    /// If the folder cannot be used, or the memory does not fit the configuration and the map.
+    pub fn open(
+        out: &Path,
+        (config, seed): (&RunConfig, u64),
+        map: &'m KnownMap,
+        start: Option<Pose2>,
+        memory: &'m mut LocalizerMemory,
+    ) -> anyhow::Result<Self> {
+        let unusable = || format!("{}: cannot be used as output folder", out.display());
+        fs::create_dir_all(out).with_context(unusable)?;
+        let trajectory_file = PendingFile::create(&out.join("trajectory.tum")).with_context(unusable)?;
+        let localizer = Localizer::new(config, seed, map, start, memory)?;
+        let table = HEADER.to_owned();
+        Ok(Self { localizer, out: out.to_owned(), trajectory_file, table, scans: 0, first: None, first_found: None })
+    }
+
+    /// Takes the next scan; `None` while the robot has not found itself.
+    ///
+    /// * `robot_from_lrf` — where the laser sits on the robot
+    ///
+    /// # Errors
+    /// If the scan has too many points for the memory, or the path cannot be written.
+    pub fn add_scan(&mut self, scan: &RangeScan<'_>, robot_from_lrf: Pose2) -> anyhow::Result<Option<Located>> {
+        let located = self.localizer.add_scan(scan, robot_from_lrf)?;
+        self.first.get_or_insert(scan.stamp);
+        // Writing to a string cannot fail.
+        let _ = write!(self.table, "{},{:.6},", self.scans, scan.stamp.as_secs_f64());
+        match &located {
+            None => self.table.push_str("searching,,,,,,,0,,\n"),
+            Some(located) => {
+                self.first_found.get_or_insert(scan.stamp);
+                push_row(&mut self.table, located);
+                let pose = TimedPose { stamp: scan.stamp, map_from_robot: located.map_from_robot };
+                pose.write_tum(&mut self.trajectory_file).with_context(|| cannot_write(&self.out, "trajectory.tum"))?;
+            }
+        }
+        self.scans += 1;
+        Ok(located)
+    }
+
+    /// Scans taken so far.
+    pub fn scans(&self) -> u64 {
+        self.scans
+    }
+
+    /// What happened so far.
+    pub fn counts(&self) -> LocalizeCounts {
+        self.localizer.counts()
+    }
+
+    /// Writes the results.
+    ///
+    /// * `describe` — completes the report
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn finish(
+        mut self,
+        describe: impl FnOnce(LocalizeCounts, Option<f64>) -> LocalizeReport,
+    ) -> anyhow::Result<LocalizeReport> {
+        self.trajectory_file.flush().with_context(|| cannot_write(&self.out, "trajectory.tum"))?;
+        let after = self.first.zip(self.first_found).map(|(first, found)| found.since(first).micros as f64 / 1e6);
+        let report = describe(self.localizer.counts(), after);
+        self.trajectory_file.finish().with_context(|| cannot_write(&self.out, "trajectory.tum"))?;
+        let text = serde_json::to_string_pretty(&report)? + "\n";
+        for (name, text) in [("localization.csv", &self.table), ("run.json", &text)] {
+            write_file(&self.out.join(name), text.as_bytes()).with_context(|| cannot_write(&self.out, name))?;
+        }
+        Ok(report)
+    }
+}
+
+fn push_row(table: &mut String, located: &Located) {
+    let Located { map_from_robot: pose, covariance, certainty, on_walls, contradicting } = located;
+    let [x, y, heading] = [0, 1, 2].map(|axis| covariance[(axis, axis)].max(0.0).sqrt());
+    let _ = writeln!(
+        table,
+        "tracking,{:.4},{:.4},{:.3},{x:.4},{y:.4},{:.3},{certainty:.3},{on_walls:.3},{contradicting:.3}",
+        pose.x,
+        pose.y,
+        pose.heading.to_degrees(),
+        heading.to_degrees(),
+    );
+}
+
+fn cannot_write(folder: &Path, name: &str) -> String {
+    format!("{}: cannot be written", folder.join(name).display())
+}

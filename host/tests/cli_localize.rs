@@ -1,0 +1,116 @@
+//! Localisation in a saved map, from the command line: a simulated floor, its second half in the map of all of it, and wrong maps.
+
+mod common;
+
+use std::fs;
+use std::io::{Read as _, Write as _};
+use std::path::Path;
+
+use common::run;
+
+/// The lines of the example's scans.
+fn floor() -> Vec<String> {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/floor.log.gz");
+    let mut text = String::new();
+    flate2::read::GzDecoder::new(fs::File::open(file).unwrap()).read_to_string(&mut text).unwrap();
+    text.lines().filter(|line| line.starts_with("ROBOTLASER1")).map(str::to_owned).collect()
+}
+
+/// The same scan in a building that is a mirror image.
+fn mirrored(line: &str) -> String {
+    let mut words: Vec<&str> = line.split(' ').collect();
+    let count: usize = words[8].parse().unwrap();
+    words[9..9 + count].reverse();
+    words.join(" ")
+}
+
+fn write_log(folder: &Path, name: &str, lines: &[String]) {
+    let mut file = fs::File::create(folder.join(name)).unwrap();
+    lines.iter().for_each(|line| writeln!(file, "{line}").unwrap());
+}
+
+fn report(folder: &Path) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(folder.join("run.json")).unwrap()).unwrap()
+}
+
+/// Positions by their times, as they stand in a TUM file.
+fn positions(file: &Path) -> Vec<(String, f64, f64)> {
+    let text = fs::read_to_string(file).unwrap();
+    let pose = |line: &str| {
+        let words: Vec<&str> = line.split(' ').collect();
+        (words[0].to_owned(), words[1].parse().unwrap(), words[2].parse().unwrap())
+    };
+    text.lines().map(pose).collect()
+}
+
+fn farthest_apart(path: &Path, truth: &Path) -> f64 {
+    let truth = positions(truth);
+    let distance = |(stamp, x, y): (String, f64, f64)| {
+        let (_, true_x, true_y) = truth.iter().find(|(of, ..)| *of == stamp).expect("a pose for every scan");
+        (x - true_x).hypot(y - true_y)
+    };
+    positions(path).into_iter().map(distance).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_robot_finds_itself_and_only_in_the_right_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let lines = floor();
+    write_log(folder, "all.log", &lines);
+    write_log(folder, "later.log", &lines[300..]);
+    write_log(folder, "other.log", &lines.iter().map(|line| mirrored(line)).collect::<Vec<_>>());
+    for log in ["all", "other"] {
+        let done = run(folder, &["map", &format!("{log}.log"), "--matcher-only", "-q", "--out", log]);
+        assert_eq!(done, (0, String::new(), String::new()));
+    }
+    let map_before = fs::read(folder.join("all/map.lrfslam")).unwrap();
+
+    let (code, stdout, stderr) = run(folder, &["localize", "later.log", "--map", "all", "--out", "found"]);
+    assert_eq!((code, stderr.as_str()), (0, ""));
+    assert!(stdout.contains("; found after ") && stdout.ends_with("results in found\n"), "{stdout}");
+    let found = report(&folder.join("found"));
+    assert_eq!((&found["localisation"]["found"], &found["localisation"]["lost"]), (&1.into(), &0.into()));
+    let apart = farthest_apart(&folder.join("found/trajectory.tum"), &folder.join("all/trajectory.tum"));
+    assert!(apart < 0.15, "{apart} m");
+    let table = fs::read_to_string(folder.join("found/localization.csv")).unwrap();
+    assert_eq!(table.lines().count(), 1 + lines.len() - 300);
+    assert!(table.lines().nth(1).unwrap().contains(",searching,"), "nothing is known at the first scan");
+
+    let start = ["localize", "all.log", "--map", "all", "--start", "0,0,0", "--out", "known", "-q"];
+    assert_eq!(run(folder, &start), (0, String::new(), String::new()));
+    assert_eq!(report(&folder.join("known"))["localisation"]["tracked_scans"], lines.len());
+    let apart = farthest_apart(&folder.join("known/trajectory.tum"), &folder.join("all/trajectory.tum"));
+    assert!(apart < 0.15, "{apart} m");
+
+    let (code, stdout, _) = run(folder, &["localize", "later.log", "--map", "other", "--out", "nowhere"]);
+    assert_eq!(code, 0);
+    assert!(stdout.contains("the robot has not found itself in the map"), "{stdout}");
+    assert_eq!(fs::read(folder.join("nowhere/trajectory.tum")).unwrap(), b"");
+    assert_eq!(fs::read(folder.join("all/map.lrfslam")).unwrap(), map_before, "the map is not changed");
+}
+
+#[test]
+fn without_a_whole_map_there_is_one_clear_message() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_log(folder, "a.log", &floor()[..40]);
+    assert_eq!(run(folder, &["map", "a.log", "--levels", "1", "-q", "--out", "a"]).0, 0);
+    let message = |arguments: &[&str]| {
+        let (code, _, stderr) = run(folder, &[&["localize", "a.log", "--map", "a"], arguments].concat());
+        assert_eq!(code, 2, "{stderr}");
+        stderr
+    };
+    assert!(message(&["--start", "1,2"]).contains("expected \"end\", or x, y in metres"));
+    assert!(message(&["--set", "localize.nothing=1"]).contains("unknown field `nothing`"));
+    let file = folder.join("a/map.lrfslam");
+    let bytes = fs::read(&file).unwrap();
+    fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(message(&[]).contains("map.lrfslam: expected"), "{}", message(&[]));
+    let mut damaged = bytes.clone();
+    damaged[bytes.len() / 2] ^= 1;
+    fs::write(&file, &damaged).unwrap();
+    assert!(message(&[]).contains("damaged: the checksum is"));
+    fs::remove_file(&file).unwrap();
+    assert!(message(&[]).contains("not there; expected a folder that `lrfslam map`"));
+}
