@@ -459,7 +459,7 @@ mod tests {
         let error = |o: &str| load("", &[o]).unwrap_err();
         assert!(error("map.cell=1").contains("--set map.cell=1: unknown field `cell`"));
         assert!(error("mapp.cell_size_m=1").contains(
-            "there is no section `mapp`, expected one of closure, de, filter, hierarchy, high, high_particles, log, map"
+            "there is no section `mapp`, expected one of closure, de, filter, hierarchy, high, high_particles, localize, log, map"
         ));
         assert!(error("cell_size_m").contains("expected section.key=value"));
         assert!(error("map.cell_size_m=wide").contains("invalid type"));
