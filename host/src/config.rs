@@ -284,35 +284,23 @@ impl RunConfig {
         }
     }
 
-    /// The part that core works with.
+    /// The part that core's laser odometry works with.
     pub fn laser_odometry(&self) -> LaserOdometryConfig {
-        LaserOdometryConfig {
-            filter: self.filter,
-            ndt: self.ndt,
-            search: self.search,
-            de: self.de,
-            matcher: self.matcher,
-            odometry: self.odometry,
-            recovery: self.recovery,
-        }
+        self.robot(0, LaserConfig::default()).laser_odometry()
     }
 
     /// The part that core's particle filter works with.
     pub fn low_slam(&self) -> LowSlamConfigs {
-        LowSlamConfigs {
-            filter: self.particles,
-            map: self.particle_map,
-            rays: self.rays,
-            perception: self.perception,
-            refinement: self.refinement,
-        }
+        self.robot(0, LaserConfig::default()).low_slam()
     }
 
     /// Defaults for a robot that does the SLAM itself: what fits its memory.
     pub fn for_robot() -> Self {
-        let robot = RobotConfig::default();
-        let (ndt, particles, rays) = (robot.ndt, robot.particles, robot.rays);
-        Self { ndt, particles, rays, ..Self::default() }
+        let RobotConfig { filter, ndt, search, de, matcher, odometry, recovery, steps, motion, .. } =
+            RobotConfig::default();
+        let RobotConfig { particles, particle_map, rays, perception, refinement, report, .. } = RobotConfig::default();
+        let matching = Self { filter, ndt, search, de, matcher, odometry, recovery, steps, motion, ..Self::default() };
+        Self { particles, particle_map, rays, perception, refinement, report, ..matching }
     }
 
     /// The part that a robot works with.
