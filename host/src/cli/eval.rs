@@ -8,8 +8,8 @@ use lrfslam_core::time::Duration;
 
 use super::{Failure, print};
 use crate::evaluation::{
-    RelationReport, Standing, Statistics, StretchReport, TruthReport, Turn, evaluate_relations, evaluate_stretches,
-    evaluate_truth, read_relations,
+    RelationReport, Standing, Statistics, StretchReport, TruthReport, Turn, evaluate_in_frame, evaluate_relations,
+    evaluate_stretches, evaluate_truth, read_relations,
 };
 use crate::log::{LogOptions, LogReader, LogScan};
 use crate::trajectory::{TimedPose, read_trajectory};
@@ -29,6 +29,9 @@ pub(super) struct EvalArgs {
     /// Length of the stretches over which the relative error is taken, m (with --truth).
     #[arg(long, value_name = "METRES", default_value_t = 10.0, value_parser = metres)]
     stretch: f64,
+    /// Both paths are in one frame: they are not aligned (with --truth).
+    #[arg(long)]
+    same_frame: bool,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
@@ -82,7 +85,8 @@ fn by_relations(args: &EvalArgs, poses: &[TimedPose], file: &Path, tolerance: Du
 
 fn by_truth(args: &EvalArgs, poses: &[TimedPose], file: &Path, tolerance: Duration) -> Result<String, Failure> {
     let truth = read_trajectory(file).map_err(Failure::start)?;
-    let report = evaluate_truth(poses, &truth, tolerance, args.stretch).map_err(Failure::start)?;
+    let evaluate = if args.same_frame { evaluate_in_frame } else { evaluate_truth };
+    let report = evaluate(poses, &truth, tolerance, args.stretch).map_err(Failure::start)?;
     if args.json { json(&report) } else { Ok(truth_table(&report)) }
 }
 
@@ -142,7 +146,9 @@ fn truth_table(report: &TruthReport) -> String {
         row(&mut text, "places revisited, m", &report.revisit_m);
     }
     let judged = report.absolute_m.count;
-    let _ = writeln!(text, "\nabsolute: {judged} of {} true poses, after rigid alignment", report.truth_poses);
+    let how = if report.aligned { "after rigid alignment" } else { "in the same frame" };
+    let _ = writeln!(text, "\nabsolute: {judged} of {} true poses, {how}", report.truth_poses);
+    let _ = writeln!(text, "{:.2} % within 0.10 m", 100.0 * report.share_within_10_cm);
     if report.unmatched > 0 {
         let _ = writeln!(text, "{} without a pose within {} s", report.unmatched, report.tolerance_s);
     }

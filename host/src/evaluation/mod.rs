@@ -15,7 +15,7 @@ pub use relations::{
 };
 pub use statistics::{Distribution, Statistics};
 pub use stretches::{Standing, StretchError, StretchReport, Turn, evaluate_stretches};
-pub use truth::{RelativeError, TruthReport, alignment, evaluate_truth};
+pub use truth::{RelativeError, TruthReport, alignment, evaluate_in_frame, evaluate_truth};
 
 use crate::pose_f64::PoseF64;
 use crate::trajectory::TimedPose;

@@ -27,9 +27,13 @@ pub struct TruthReport {
     pub unmatched: usize,
     /// How far apart in time partners may lie, s.
     pub tolerance_s: f64,
-    /// Absolute trajectory error: distance of the positions after alignment, m.
+    /// True if the error below is taken after rigid alignment, false if both paths were taken to be in the same frame.
+    pub aligned: bool,
+    /// Absolute trajectory error: distance of the positions, m.
     pub absolute_m: Statistics,
-    /// Difference of the headings after alignment, degrees.
+    /// Share of the poses that are within 0.10 m.
+    pub share_within_10_cm: f64,
+    /// Difference of the headings, degrees.
     pub absolute_deg: Statistics,
     /// Error of the displacement over stretches of the true path.
     pub relative: RelativeError,
@@ -61,18 +65,45 @@ pub fn evaluate_truth(
 ) -> Result<TruthReport, EvaluationError> {
     let pairs = partners(poses, truth, tolerance)?;
     let truth_from_estimate = align(&pairs);
+    Ok(TruthReport { aligned: true, ..judge(&pairs, truth_from_estimate, truth.len(), tolerance, stretch_m) })
+}
+
+/// The same for paths in one frame: nothing is aligned.
+///
+/// # Errors
+/// If no pose has a partner.
+pub fn evaluate_in_frame(
+    poses: &[TimedPose],
+    truth: &[TimedPose],
+    tolerance: Duration,
+    stretch_m: f64,
+) -> Result<TruthReport, EvaluationError> {
+    let pairs = partners(poses, truth, tolerance)?;
+    Ok(judge(&pairs, PoseF64::default(), truth.len(), tolerance, stretch_m))
+}
+
+fn judge(
+    pairs: &[(PoseF64, PoseF64)],
+    truth_from_estimate: PoseF64,
+    truth_poses: usize,
+    tolerance: Duration,
+    stretch_m: f64,
+) -> TruthReport {
     let errors = pairs.iter().map(|&(truth, estimate)| (truth, truth_from_estimate.then(estimate)));
     let distances: Vec<f64> = errors.clone().map(|(t, e)| (e.x - t.x).hypot(e.y - t.y)).collect();
     let angles: Vec<f64> = errors.map(|(t, e)| wrap(e.heading - t.heading).abs().to_degrees()).collect();
-    Ok(TruthReport {
-        truth_poses: truth.len(),
-        unmatched: truth.len() - pairs.len(),
+    let within = distances.iter().filter(|distance| **distance <= 0.1).count();
+    TruthReport {
+        truth_poses,
+        unmatched: truth_poses - pairs.len(),
         tolerance_s: tolerance.micros as f64 / 1e6,
+        aligned: false,
         absolute_m: Statistics::of(&distances),
+        share_within_10_cm: within as f64 / pairs.len() as f64,
         absolute_deg: Statistics::of(&angles),
-        relative: relative(&pairs, stretch_m),
-        revisit_m: revisits(&pairs),
-    })
+        relative: relative(pairs, stretch_m),
+        revisit_m: revisits(pairs),
+    }
 }
 
 /// The rigid motion that brings `poses` nearest to the path `truth`, as [`evaluate_truth`] takes it out.
@@ -173,6 +204,9 @@ mod tests {
         let moved = path(PoseF64::new(30.0, -7.0, 2.9), 1.0);
         let report = evaluate_truth(&moved, &path(PoseF64::default(), 1.0), Duration::ZERO, 2.0).unwrap();
         assert!(report.absolute_m.max < 1e-5 && report.absolute_deg.max < 1e-4, "{report:?}");
+        let in_frame = evaluate_in_frame(&moved, &path(PoseF64::default(), 1.0), Duration::ZERO, 2.0).unwrap();
+        assert!(in_frame.absolute_m.mean > 20.0 && in_frame.share_within_10_cm == 0.0, "{in_frame:?}");
+        assert_eq!(report.share_within_10_cm, 1.0);
         assert!(report.relative.translation_m_per_m.max < 1e-5);
         assert_eq!((report.unmatched, report.absolute_m.count), (0, 50));
     }
