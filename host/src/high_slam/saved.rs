@@ -13,7 +13,7 @@ use crate::pose_f64::PoseF64;
 use crate::scan_store::ScanStore;
 use crate::trajectory::TimedPose;
 
-/// A path with its graph; see the [module](self).
+/// A path with its graph, as it is saved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SavedPath {
     /// Complete segments, and the open one last.

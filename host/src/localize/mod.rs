@@ -1,7 +1,7 @@
 //! Where is the robot in a map made before, and how sure is that? The map is not changed.
 //!
-//! scan → while the place is unknown: [`Finder`] (laser odometry on its own → submap of the latest metres → searched for in the whole
-//! map) → once found: [`Tracker`] (scan matched against the map, and against what was seen beyond it in this run) → pose, covariance,
+//! scan → while the place is unknown: `Finder` (laser odometry on its own → submap of the latest metres → searched for in the whole
+//! map) → once found: `Tracker` (scan matched against the map, and against what was seen beyond it in this run) → pose, covariance,
 //! certainty. A tracker that is doubted runs beside a finder until either is right.
 
 mod belief;
