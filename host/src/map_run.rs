@@ -99,6 +99,8 @@ pub struct Run<'m, L> {
     map_from_step: Pose2,
     step_count: usize,
     beams: BeamCounts,
+    /// The folder of the map that it goes on with.
+    continues: Option<String>,
     working: WallDuration,
 }
 
@@ -145,6 +147,30 @@ impl<'m> MapRun<'m> {
         self.place(&sweep, &low_pose(&step.odometry), place, is_kept)?;
         self.working += started.elapsed();
         Ok(step)
+    }
+}
+
+impl MapRun<'_> {
+    /// Goes on with a map made before, whose path and scans stay in it; before the first scan. `folder` — where it was saved.
+    ///
+    /// * `start` — where in it the robot is now; where it ended if that is not said
+    ///
+    /// # Errors
+    /// If the configuration has no pose graph to go on with, the saved map is not whole, or its scans are larger than the memory.
+    pub fn go_on(&mut self, saved: &SavedMap, folder: &Path, start: Option<Pose2>) -> anyhow::Result<()> {
+        let has_graph = self.high.is_some() && self.config.high_particles().is_none();
+        anyhow::ensure!(
+            has_graph,
+            "to go on with a map, expected hierarchy.levels = 2 and hierarchy.closing = \"graph\""
+        );
+        let high = HighSlam::restored(&self.config.high_slam(), &saved.path, saved.scans.clone());
+        let mut high = high.with_context(|| folder.join(saved_map::FILE_NAME).display().to_string())?;
+        if let Some(correction) = high.drive_on_from(start) {
+            self.low.correct(&correction, high.scans())?;
+        }
+        self.high = Some(high);
+        self.continues = Some(folder.display().to_string());
+        Ok(())
     }
 }
 
@@ -226,6 +252,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
             map_from_step: Pose2::IDENTITY,
             step_count: 0,
             beams: BeamCounts::default(),
+            continues: None,
             working: WallDuration::ZERO,
         })
     }
@@ -351,6 +378,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
         RunReport {
             program: Program::THIS,
             source,
+            continues: self.continues.clone(),
             config: self.config,
             seed: self.seed,
             odometry,

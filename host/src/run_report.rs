@@ -21,6 +21,8 @@ pub struct RunReport {
     /// Where the scans came from.
     #[serde(flatten)]
     pub source: Source,
+    /// The folder of the map that was gone on with.
+    pub continues: Option<String>,
     /// Every value used.
     pub config: RunConfig,
     /// Of the random numbers.

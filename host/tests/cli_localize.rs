@@ -117,3 +117,38 @@ fn without_a_whole_map_there_is_one_clear_message() {
     fs::remove_file(&file).unwrap();
     assert!(message(&[]).contains("not there; expected a folder that `lrfslam map`"));
 }
+
+#[test]
+fn a_map_is_gone_on_with_where_the_robot_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let lines = floor();
+    write_log(folder, "all.log", &lines);
+    write_log(folder, "first.log", &lines[..400]);
+    write_log(folder, "second.log", &lines[400..]);
+    for log in ["all", "first"] {
+        assert_eq!(run(folder, &["map", &format!("{log}.log"), "-q", "--out", log]).0, 0);
+    }
+    let go_on = ["map", "second.log", "--continue", "first", "-q", "--out", "both"];
+    assert_eq!(run(folder, &go_on), (0, String::new(), String::new()));
+    assert_eq!(report(&folder.join("both"))["continues"], "first");
+    let (both, all) = (folder.join("both/trajectory.tum"), folder.join("all/trajectory.tum"));
+    assert_eq!(positions(&both).len(), lines.len(), "the first drive's path is in it");
+    let apart = farthest_apart(&both, &all);
+    assert!(apart < RIGHT_M, "{apart} m");
+
+    // The whole log again, from its start: the robot is where it said, and what it maps is the same building.
+    let again = ["map", "all.log", "--continue", "both", "--start", "0,0,0", "-q", "--out", "again"];
+    assert_eq!(run(folder, &again), (0, String::new(), String::new()));
+    let path = positions(&folder.join("again/trajectory.tum"));
+    assert_eq!(path.len(), 2 * lines.len());
+    let (_, x, y) = &path[2 * lines.len() - 1];
+    let (_, end_x, end_y) = positions(&all).pop().unwrap();
+    assert!((x - end_x).hypot(y - end_y) < RIGHT_M, "{x} {y} and {end_x} {end_y}");
+
+    let (code, _, stderr) = run(folder, &["map", "second.log", "--continue", "first", "--levels", "1", "--out", "x"]);
+    assert_eq!(code, 2);
+    assert!(stderr.contains("expected hierarchy.levels = 2"), "{stderr}");
+    let (code, _, stderr) = run(folder, &["map", "second.log", "--continue", "nowhere", "--out", "x"]);
+    assert!(code == 2 && stderr.contains("map.lrfslam: not there"), "{stderr}");
+}

@@ -277,7 +277,9 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     ) -> Result<StepReport, RayCapacityError> {
         (0..stretch.len()).try_for_each(|index| self.take(stretch, index))?;
         if self.steps == 0 {
-            let report = self.print_at(Pose2::IDENTITY, stretch); // "first read? all particles at x = 0, y = 0, θ = 0"
+            // "first read? all particles at x = 0, y = 0, θ = 0", or wherever they were told to start
+            let start = self.particles.first().map_or(Pose2::IDENTITY, |particle| particle.map_from_robot);
+            let report = self.print_at(start, stretch);
             return report.map(|report| self.moved_by(start_from_end, report));
         }
         let mut report = StepReport::default();

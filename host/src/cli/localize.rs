@@ -56,6 +56,14 @@ pub(super) enum Start {
 }
 
 impl Start {
+    /// The pose, if one was said.
+    pub(super) fn told(self) -> Option<Pose2> {
+        match self {
+            Self::End => None,
+            Self::At(pose) => Some(pose),
+        }
+    }
+
     pub(super) fn pose(self, map: &KnownMap) -> Pose2 {
         match self {
             Self::End => map.last_pose(),

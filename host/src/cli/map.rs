@@ -6,6 +6,7 @@ use anyhow::Context as _;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use super::localize::Start;
 use super::particles::ParticleArgs;
 use super::summary::summary;
 use super::{Failure, print};
@@ -13,6 +14,7 @@ use crate::config::RunConfig;
 use crate::log::LogReader;
 use crate::map_run::{MapRun, RunMemory};
 use crate::run_report::{Input, RunReport, Source, sha256_of_file};
+use crate::saved_map::SavedMap;
 
 /// Map a recorded laser log.
 ///
@@ -35,6 +37,12 @@ pub(super) struct MapArgs {
     /// Start of the random numbers: the same seed gives the same map.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    /// Go on with a map made before: its path, scans and configuration stay, and the log is added. Results go to --out.
+    #[arg(long = "continue", value_name = "DIR")]
+    continued: Option<PathBuf>,
+    /// Where the robot starts in that map, m and degrees; `lrfslam localize` finds out [default: "end", where it was last].
+    #[arg(long, value_name = "X,Y,DEG", requires = "continued", allow_hyphen_values = true, value_parser = super::localize::start)]
+    start: Option<Start>,
     /// Predict motion by the log's odometry; without this none of it is read.
     #[arg(long)]
     odometry: bool,
@@ -46,12 +54,17 @@ pub(super) struct MapArgs {
 }
 
 pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
-    let config = args.particles.load(args.config.as_deref(), &args.set)?;
+    let saved = args.continued.as_deref().map(SavedMap::read).transpose().map_err(Failure::start)?;
+    let defaults = saved.as_ref().map_or_else(RunConfig::default, |saved| saved.config);
+    let config = args.particles.load_over(defaults, args.config.as_deref(), &args.set)?;
     let mut log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
     let out = args.out.clone().unwrap_or_else(|| folder_for(&args.log, "map"));
     let input = input(&args.log, &log).map_err(Failure::Start)?;
     let mut memory = RunMemory::new(&config, args.particles.threads());
     let mut map = MapRun::open(&out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
+    if let (Some(saved), Some(folder)) = (&saved, &args.continued) {
+        map.go_on(saved, folder, args.start.and_then(Start::told)).map_err(Failure::Start)?;
+    }
     let progress = progress_bar(log.size_bytes(), args.quiet);
     let fault = map_scans(&mut log, &mut map, &config, args.odometry, &progress).err();
     progress.finish_and_clear();

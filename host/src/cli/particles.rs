@@ -28,11 +28,21 @@ pub(super) struct ParticleArgs {
 impl ParticleArgs {
     /// Defaults, then the file, then the overrides `set`, then these flags, checked.
     pub(super) fn load(&self, file: Option<&Path>, set: &[String]) -> Result<RunConfig, Failure> {
+        self.load_over(RunConfig::default(), file, set)
+    }
+
+    /// The same with other defaults.
+    pub(super) fn load_over(
+        &self,
+        defaults: RunConfig,
+        file: Option<&Path>,
+        set: &[String],
+    ) -> Result<RunConfig, Failure> {
         let mut overrides = set.to_vec();
         overrides.extend(self.particles.map(|count| format!("particles.particles={count}")));
         overrides.extend(self.levels.map(|levels| format!("hierarchy.levels={levels}")));
         overrides.extend(self.matcher_only.then(|| "hierarchy.levels=0".to_owned()));
-        RunConfig::load(file, &overrides).map_err(Failure::start)
+        RunConfig::load_over(defaults, file, &overrides).map_err(Failure::start)
     }
 
     pub(super) fn threads(&self) -> usize {

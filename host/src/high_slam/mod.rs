@@ -207,6 +207,18 @@ impl<'m> HighSlam<'m> {
 
     /// Makes the open segment a node of the graph, and closes loops.
     fn complete_segment(&mut self) -> Result<(), RayCapacityError> {
+        let start = self.segments.len();
+        self.close_segment();
+        if let Some(particles) = &mut self.particles {
+            self.graph.move_nodes(&particles.add(&self.segments[start], &self.scans)?);
+        } else if self.config.closure.enabled && self.close_loops(start) {
+            self.solve();
+        }
+        Ok(())
+    }
+
+    /// Makes the open segment a node of the graph.
+    fn close_segment(&mut self) {
         let segment = std::mem::replace(&mut self.open, Segment::empty());
         let end = segment.start_from_end;
         self.kept = self.kept.map(|kept| end.to_f32().between(kept));
@@ -217,12 +229,6 @@ impl<'m> HighSlam<'m> {
         self.graph.add_edge(Edge { from: start, to: node, from_to: end, information, is_closure: false });
         self.segments.push(segment);
         self.counts.segments += 1;
-        if let Some(particles) = &mut self.particles {
-            self.graph.move_nodes(&particles.add(&self.segments[start], &self.scans)?);
-        } else if self.config.closure.enabled && self.close_loops(start) {
-            self.solve();
-        }
-        Ok(())
     }
 
     /// Looks for older places that the segment that starts at node `newer` came back to; true if the graph has new closures.

@@ -3,15 +3,21 @@
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::rays::RayCapacityError;
 use lrfslam_core::time::Instant;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::placing::ReferenceState;
 use super::pose_graph::{Edge, PoseGraph};
 use super::segment::{LowStep, Segment, SegmentPose};
-use super::{HighConfigs, HighSlam};
+use super::{Correction, HighConfigs, HighSlam};
 use crate::pose_f64::PoseF64;
 use crate::scan_store::ScanStore;
 use crate::trajectory::TimedPose;
+
+/// How well the start of another drive is known, m …
+const START_SIGMA_M: f64 = 0.1;
+/// … and rad.
+const START_SIGMA_RAD: f64 = 0.035;
 
 /// A path with its graph, as it is saved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -119,6 +125,29 @@ impl HighSlam<'_> {
         high.counts.segments = high.segments.len() as u64;
         high.counts.closures_found = saved.edges.iter().filter(|edge| edge.is_closure).count() as u64;
         Ok(high)
+    }
+
+    /// Begins another drive in the same map, at `map_from_robot` or where the last one ended; says what the low level is to go on with.
+    ///
+    /// The start hangs on the nearest place of the path.
+    pub fn drive_on_from(&mut self, map_from_robot: Option<Pose2>) -> Option<Correction> {
+        if !self.open.poses.is_empty() {
+            self.close_segment();
+        }
+        let end = self.graph.nodes()[self.segments.len()];
+        let start = map_from_robot.map_or(end, PoseF64::from);
+        let node = self.graph.add_node(start);
+        let places = &self.graph.nodes()[..node];
+        let distance = |place: &PoseF64| place.between(start).distance_m();
+        let from = (0..node).min_by(|a, b| distance(&places[*a]).total_cmp(&distance(&places[*b])))?;
+        let from_to = places[from].between(start);
+        let (position, heading) = (START_SIGMA_M.powi(-2), START_SIGMA_RAD.powi(-2));
+        let information = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
+        self.graph.add_edge(Edge { from, to: node, from_to, information, is_closure: false });
+        self.segments.push(Segment { start_from_end: end.between(start), ..Segment::empty() });
+        self.kept = None;
+        self.reference = ReferenceState::default();
+        self.correction()
     }
 
     /// One that holds a finished path as it is: poses, and which of `scans` were taken there.
