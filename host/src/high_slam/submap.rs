@@ -35,6 +35,8 @@ pub struct Agreement {
     pub on_walls: f32,
     /// Share of the points in known places that stand in free space.
     pub contradicting: f32,
+    /// Share of all points that are in known places: on walls, or in free space.
+    pub known: f32,
 }
 
 impl Submap {
@@ -77,7 +79,8 @@ impl Submap {
             }
         }
         let known: f32 = on_walls + contradicting;
-        Agreement { on_walls: on_walls / points.len().max(1) as f32, contradicting: contradicting / known.max(1.0) }
+        let all = points.len().max(1) as f32;
+        Agreement { on_walls: on_walls / all, contradicting: contradicting / known.max(1.0), known: known / all }
     }
 
     fn has_wall_near(&self, square: CellIndex, squares: i32) -> bool {

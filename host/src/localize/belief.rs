@@ -67,8 +67,7 @@ impl Belief {
         moved_m: f32,
     ) {
         let agreeing = 1.0 - agreement.contradicting;
-        let known = if agreeing > 0.0 { agreement.on_walls / agreeing } else { 1.0 };
-        let evidence = config.evidence_per_m * moved_m * known * (agreeing - config.neutral_share);
+        let evidence = config.evidence_per_m * moved_m * agreement.known * (agreeing - config.neutral_share);
         self.log_odds = (self.log_odds + evidence).clamp(-LOG_ODDS_MAX, LOG_ODDS_MAX);
         if agreement.on_walls < 0.05 {
             return;
@@ -92,12 +91,16 @@ mod tests {
     use super::*;
 
     fn driven(on_walls: f32, contradicting: f32, metres: u32) -> f32 {
+        driven_knowing(on_walls / (1.0 - contradicting), on_walls, contradicting, metres)
+    }
+
+    fn driven_knowing(known: f32, on_walls: f32, contradicting: f32, metres: u32) -> f32 {
         let config = LocalizeConfig::default();
         let mut belief = Belief::new(config.found_certainty);
         let matched = Matrix3::from_diagonal_element(1e-4);
         for _ in 0..10 * metres {
             belief.drift(&SegmentConfig::default(), Pose2::new(0.1, 0.0, 0.0), 0.3);
-            belief.observe(&config, Agreement { on_walls, contradicting }, &matched, 0.1);
+            belief.observe(&config, Agreement { on_walls, contradicting, known }, &matched, 0.1);
         }
         belief.certainty(&config)
     }
@@ -107,6 +110,8 @@ mod tests {
         assert!(driven(0.95, 0.02, 20) > 0.98);
         assert!(driven(0.5, 0.4, 20) < 0.02);
         assert!(driven(0.3, 0.02, 20) > 0.9, "seven of ten points lie where the map ends");
+        let (one_against, none) = (driven_knowing(0.01, 0.0, 1.0, 8), driven(0.0, 0.0, 8));
+        assert!(one_against > 0.9 * none, "one point of a hundred does not make the robot lost: {one_against} {none}");
     }
 
     #[test]
