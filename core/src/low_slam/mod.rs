@@ -22,6 +22,7 @@
 //! gives the same bytes.
 
 mod pools;
+mod restart;
 mod stretch;
 mod upkeep;
 mod weighing;
@@ -40,7 +41,7 @@ use crate::motion::Motion;
 use crate::particles::{self, Particle, Resampling, Sample, Weights};
 use crate::perception::{PerceptionConfig, PerceptionModel};
 use crate::random::RandomStream;
-use crate::rays::{self, Ray, RayCapacityError, RayConfig};
+use crate::rays::{Ray, RayCapacityError, RayConfig};
 use crate::sweep::Sweep;
 
 crate::config! {
@@ -296,72 +297,6 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         self.steps = self.steps.saturating_add(1); // "t = t + 1"
         self.finish(&weights, &mut report);
         Ok(self.moved_by(start_from_end, report))
-    }
-
-    /// Makes a scan the current one.
-    fn take(&mut self, stretch: &mut impl Stretch, index: usize) -> Result<(), RayCapacityError> {
-        if let Some((start_from_robot, sweep)) = stretch.scan(index) {
-            self.ray_count = rays::rays_of(&self.config.rays, &sweep, self.rays)?;
-            self.particle_from_lrf = start_from_robot * sweep.robot_from_lrf;
-            self.scan_index = index;
-        }
-        Ok(())
-    }
-
-    /// The same, unless it is the current one already.
-    fn take_again(&mut self, stretch: &mut impl Stretch, index: usize) -> Result<(), RayCapacityError> {
-        if self.scan_index == index { Ok(()) } else { self.take(stretch, index) }
-    }
-
-    fn print_all(&mut self, stretch: &mut impl Stretch, report: &mut StepReport) -> Result<(), RayCapacityError> {
-        for index in 0..stretch.len() {
-            self.take_again(stretch, index)?;
-            let frame = self.frame();
-            self.print(frame, report);
-        }
-        Ok(())
-    }
-
-    /// At the end of a stretch: the particles, and what is reported of them.
-    fn moved_by(&mut self, start_from_end: Pose2, report: StepReport) -> StepReport {
-        if start_from_end == Pose2::IDENTITY {
-            return report;
-        }
-        for particle in self.particles.iter_mut().take(self.particle_count) {
-            particle.map_from_robot = particle.map_from_robot * start_from_end;
-        }
-        StepReport {
-            map_from_robot: report.map_from_robot * start_from_end,
-            mean_map_from_robot: report.mean_map_from_robot * start_from_end,
-            ..report
-        }
-    }
-
-    /// Forgets all maps and gathers all particles in one at `map_from_robot`; to be followed by [`refer_to`](Self::refer_to).
-    ///
-    /// For a high level that has corrected the map.
-    pub fn restart_at(&mut self, map_from_robot: Pose2) {
-        self.keep_one();
-        self.map.clear();
-        if let Some(particle) = self.particles.first_mut() {
-            let (node, draws) = (particle.node, self.particles_max);
-            *particle = Particle { map_from_robot, node, draws, weight: 1.0, ..Particle::default() };
-        }
-    }
-
-    /// Prints a scan that was taken at `map_from_scan` into the map that all particles share; only after
-    /// [`restart_at`](Self::restart_at), before the next step. Returns the squares left out because the pool of tiles is full.
-    ///
-    /// # Errors
-    /// [`RayCapacityError`] if the scan has more beams than memory was lent for; nothing has changed then.
-    pub fn refer_to(&mut self, sweep: &Sweep<'_>, map_from_scan: Pose2) -> Result<u32, RayCapacityError> {
-        let stretch = &mut OneScan(*sweep);
-        self.take(stretch, 0)?;
-        self.keep_one();
-        let map_from_robot = self.particles.first().map_or(map_from_scan, |particle| particle.map_from_robot);
-        let report = self.print_at(map_from_scan, stretch)?;
-        self.particles.iter_mut().take(1).for_each(|particle| particle.map_from_robot = map_from_robot);
-        Ok(report.squares_left_out)
     }
 
     /// Puts the only particle, which stands for all draws, at `map_from_robot`, and prints the scans there.
