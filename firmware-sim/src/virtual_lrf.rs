@@ -4,6 +4,7 @@
 //! says. They know nothing of terminals or sockets; [`Cable`](crate::cable::Cable) carries their bytes at the pace of the line.
 
 pub mod hokuyo;
+pub mod recording;
 pub mod sick;
 
 use lrfslam_core::time::{Duration, Instant};

@@ -11,8 +11,10 @@ mod scan;
 mod scip1;
 
 use lrfslam_core::lrf::hokuyo_scip::{Acquire, Command, SensorParameters};
+use lrfslam_core::scan::Beam;
 use lrfslam_core::time::{Duration, Instant};
 
+use super::recording::{RecordedScan, Sight, are_on_grid};
 use super::{Emission, Line, VirtualLrf};
 use crate::lrf_model::{LrfErrors, LrfModel, RangeMeter};
 use crate::scene::Scene;
@@ -54,6 +56,15 @@ impl HokuyoModel {
             boot: Duration::from_millis(1500),
             errors: LrfModel::URG_04LX.errors,
         }
+    }
+
+    /// The URG-04LX on USB, if its directions are all those of `beams`.
+    pub fn seeing(beams: &[Beam]) -> Option<Self> {
+        let model = Self::urg_04lx_ug01();
+        let bearing_deg = |step: u16| f64::from(model.parameters.bearing_rad(f32::from(step)).to_degrees());
+        let (first, last) = (model.parameters.step_min, model.parameters.step_max);
+        let step_deg = 360.0 / f64::from(model.parameters.steps_per_turn);
+        are_on_grid(beams, bearing_deg(first), step_deg, bearing_deg(last)).then_some(model)
     }
 
     /// URG-04LX-UG01: the same on USB, SCIP 2, and less exact.
@@ -118,8 +129,7 @@ struct Stream {
 /// A virtual Hokuyo.
 pub struct VirtualHokuyo {
     model: HokuyoModel,
-    scene: Box<dyn Scene>,
-    meter: RangeMeter,
+    sight: Sight,
     line: Line,
 
     ready_at: Instant,
@@ -144,10 +154,18 @@ impl VirtualHokuyo {
     /// A sensor that has been on for long; `seed` decides its errors.
     pub fn new(model: HokuyoModel, scene: Box<dyn Scene>, seed: u64) -> Self {
         let meter = RangeMeter::new(model.errors, seed);
+        Self::seeing(Sight::World(scene, meter), model)
+    }
+
+    /// One that says what a real one has seen, from when it is asked to stream.
+    pub fn of_recording(model: HokuyoModel, scans: Vec<RecordedScan>) -> Self {
+        Self::seeing(Sight::recorded(scans), model)
+    }
+
+    fn seeing(sight: Sight, model: HokuyoModel) -> Self {
         let line = Line::new(model.baud);
         let mut device = Self {
-            scene,
-            meter,
+            sight,
             line,
             ready_at: Instant::default(),
             zero: Instant::default(),
@@ -211,7 +229,9 @@ impl VirtualHokuyo {
     /// When the scan of turn `next_turn` is complete, if one is wanted.
     fn scan_due(&self) -> Option<Instant> {
         let stream = self.stream.as_ref()?;
-        Some(self.turn_start(self.next_turn) + self.model.parameters.step_time(stream.acquire.last))
+        Some(
+            self.sight.next_at(self.turn_start(self.next_turn))? + self.model.parameters.step_time(stream.acquire.last),
+        )
     }
 }
 

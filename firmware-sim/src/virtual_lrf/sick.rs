@@ -11,8 +11,10 @@ use lrfslam_core::lrf::driver::NEVER;
 use lrfslam_core::lrf::sick_lms::request::PASSWORD;
 use lrfslam_core::lrf::sick_lms::telegram::{self, ACK, Direction, Head, NAK};
 use lrfslam_core::lrf::sick_lms::{ConfigBlock, OperatingMode, Request, Unit, Variant};
+use lrfslam_core::scan::Beam;
 use lrfslam_core::time::{Duration, Instant};
 
+use super::recording::{RecordedScan, Sight, are_on_grid};
 use super::{Emission, Line, VirtualLrf};
 use crate::lrf_model::{LrfErrors, LrfModel, RangeMeter};
 use crate::scene::Scene;
@@ -21,6 +23,9 @@ use crate::scene::Scene;
 const ABORT: Duration = Duration::from_millis(150);
 /// From the end of a request to its ACK.
 const ACK_DELAY: Duration = Duration::from_millis(2);
+
+/// Logs in millimetres call this, 13 bits full, nothing; farther than that only centimetres reach, m.
+const LONGEST_IN_MM_M: f32 = 8.192;
 
 /// What tells the models apart.
 #[derive(Debug, Clone)]
@@ -76,6 +81,19 @@ impl SickModel {
         self
     }
 
+    /// The one whose directions are all those of `beams` and the fewest others, its unit the finest that reaches `range_max_m`; `None` if
+    /// there is none.
+    pub fn seeing(beams: &[Beam], range_max_m: f32) -> Option<Self> {
+        let model = if range_max_m < LONGEST_IN_MM_M { Self::lms200() } else { Self::lms291() };
+        let sees = |variant: &Variant| {
+            let (half_deg, step_deg) = (f64::from(variant.angle_deg) / 2.0, f64::from(variant.resolution_cdeg) / 100.0);
+            are_on_grid(beams, -half_deg, step_deg, half_deg)
+        };
+        let variant = [(100, 100), (180, 100), (100, 50), (180, 50), (100, 25)]
+            .map(|(angle_deg, resolution_cdeg)| Variant { angle_deg, resolution_cdeg });
+        variant.into_iter().find(sees).map(|variant| model.with_variant(variant))
+    }
+
     /// The same with another field of view.
     pub fn with_variant(self, variant: Variant) -> Self {
         Self { variant, ..self }
@@ -85,8 +103,7 @@ impl SickModel {
 /// A virtual LMS2xx.
 pub struct VirtualSick {
     model: SickModel,
-    scene: Box<dyn Scene>,
-    meter: RangeMeter,
+    sight: Sight,
     line: Line,
 
     booting_until: Option<Instant>,
@@ -108,9 +125,18 @@ pub struct VirtualSick {
 impl VirtualSick {
     /// A sensor that has been on for long; `seed` decides its errors.
     pub fn new(model: SickModel, scene: Box<dyn Scene>, seed: u64) -> Self {
+        let meter = RangeMeter::new(model.errors, seed);
+        Self::seeing(Sight::World(scene, meter), model)
+    }
+
+    /// One that says what a real one has seen, from when it is asked to stream; it streams whole scans only.
+    pub fn of_recording(model: SickModel, scans: Vec<RecordedScan>) -> Self {
+        Self::seeing(Sight::recorded(scans), model)
+    }
+
+    fn seeing(sight: Sight, model: SickModel) -> Self {
         Self {
-            scene,
-            meter: RangeMeter::new(model.errors, seed),
+            sight,
             line: Line::new(Some(9600)),
             booting_until: None,
             mode: OperatingMode::OnRequest,

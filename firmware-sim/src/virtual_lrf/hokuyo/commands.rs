@@ -182,7 +182,7 @@ impl VirtualHokuyo {
         if !self.laser_on {
             return self.reply(now, line, Status::LASER_OFF, "");
         }
-        let body = self.scan_body(self.turn_at(now) - 1, acquire);
+        let body = self.scan_body(self.turn_start(self.turn_at(now) - 1), acquire);
         self.reply(now, line, Status::OK, &body);
     }
 
@@ -193,6 +193,7 @@ impl VirtualHokuyo {
         }
         self.laser_on = true;
         self.next_turn = self.turn_at(now);
+        self.sight.stream_from(now);
         let remaining = (count > 0).then_some(count);
         self.stream = Some(Stream { command, acquire, tag, interval, remaining, skip: 0 });
         self.reply(now, line, Status::OK, "");

@@ -14,8 +14,13 @@ const NOT_MEASURABLE: u32 = 19;
 impl VirtualHokuyo {
     /// A turn has passed the last step asked for: its scan goes out if it is wanted and the line is free.
     pub(super) fn finish_turn(&mut self, now: Instant) {
-        let turn = self.next_turn;
+        let Some(start) = self.sight.next_at(self.turn_start(self.next_turn)) else { return };
         self.next_turn += 1;
+        self.tell(now, start);
+        self.sight.advance();
+    }
+
+    fn tell(&mut self, now: Instant, start: Instant) {
         let free = self.line.is_free(now);
         let Some(stream) = &mut self.stream else {
             return;
@@ -39,13 +44,12 @@ impl VirtualHokuyo {
             echo.push(b';');
             echo.extend(&stream.tag);
         }
-        let body = self.scan_body(turn, &stream.acquire);
+        let body = self.scan_body(start, &stream.acquire);
         self.reply(now, &echo, Status::SCAN, &body);
     }
 
-    /// Time stamp and data of one turn of the mirror.
-    pub(super) fn scan_body(&mut self, turn: i64, acquire: &Acquire) -> String {
-        let start = self.turn_start(turn);
+    /// Time stamp and data of the turn of the mirror that began at `start`.
+    pub(super) fn scan_body(&mut self, start: Instant, acquire: &Acquire) -> String {
         let values = self.measure(start, acquire);
         let mut body = self.stamp_line(self.clock_ms(start));
         push_blocks(&mut body, &values, acquire.encoding);
@@ -79,7 +83,7 @@ impl VirtualHokuyo {
         let is_urg = parameters.range_codes() == RangeCodes::Urg;
         let nothing = if is_urg { 0 } else { 1 };
         let (shortest, longest) = (parameters.distance_min_mm, parameters.distance_max_mm);
-        match self.meter.measure(self.scene.as_ref(), start + parameters.step_time(step), bearing_rad) {
+        match self.sight.measure(start + parameters.step_time(step), bearing_rad) {
             Reading::Nothing => nothing,
             // What a URG gives most often in a real room: 0, 7 and 10 (capture).
             Reading::Failed(pick) if is_urg => [0, 0, 0, 0, 0, 0, 7, 10][pick as usize % 8],

@@ -48,7 +48,7 @@ impl VirtualHokuyo {
             return self.reply_scip1(now, line, b'E', "");
         }
         let acquire = Acquire { encoding: Encoding::Short, multi_echo: false, first, last, cluster: cluster as u8 };
-        let stamped = self.scan_body(self.turn_at(now) - 1, &acquire);
+        let stamped = self.scan_body(self.turn_start(self.turn_at(now) - 1), &acquire);
         // The same lines without stamp and sums.
         let body: String = stamped.lines().skip(1).map(|line| format!("{}\n", &line[..line.len() - 1])).collect();
         self.reply_scip1(now, line, b'0', &body);

@@ -22,7 +22,10 @@ impl VirtualSick {
                 self.reset(now);
             }
             Request::Mode(mode) => self.change_mode(now, *mode),
-            Request::Scan => self.single = true,
+            Request::Scan => {
+                self.single = true;
+                self.sight.stream_from(now);
+            }
             Request::Status => {
                 let report = self.status_report(now);
                 self.send(at, &report);
@@ -75,11 +78,20 @@ impl VirtualSick {
         }
     }
 
-    /// True if the values asked for exist, and fit into a telegram.
+    /// True if the values asked for exist, and fit into a telegram; of a recording, whole scans.
     fn can_stream(&self, mode: OperatingMode) -> bool {
         let values = self.variant.values();
         let exist = |first: u16, last: u16| first >= 1 && first <= last && last <= values;
         match mode {
+            OperatingMode::StreamMean(_)
+            | OperatingMode::StreamSubrange(..)
+            | OperatingMode::StreamPartial
+            | OperatingMode::StreamRemission
+            | OperatingMode::StreamReflectivity(..)
+                if self.sight.is_recording() =>
+            {
+                false
+            }
             OperatingMode::StreamSubrange(first, last) => exist(first, last),
             OperatingMode::StreamReflectivity(first, last) => {
                 exist(first, last) && 2 * values + (last - first) + 12 <= MAX_PAYLOAD as u16

@@ -31,8 +31,10 @@ impl VirtualSick {
         if !self.single && !self.is_streaming() {
             return None;
         }
-        let last = (self.next_group + 1) * self.group_turns() - 1;
-        Some(turn_start(last) + self.sweep())
+        let first = self.next_group * self.group_turns();
+        let last = first + self.group_turns() - 1;
+        let begins = self.sight.next_at(turn_start(first))?;
+        Some(begins + turn_start(last).since(turn_start(first)) + self.sweep())
     }
 
     /// Time from 0° to the last beam.
@@ -45,6 +47,9 @@ impl VirtualSick {
     pub(super) fn skip_to(&mut self, at: Instant) {
         let turn = at.micros * TURNS_PER_SECOND / 1_000_000 + 1;
         self.next_group = turn.div_euclid(self.group_turns()) + 1;
+        if self.is_streaming() {
+            self.sight.stream_from(at);
+        }
     }
 
     /// A group of turns is complete: it goes out if the line is free; a sensor does not queue.
@@ -52,9 +57,11 @@ impl VirtualSick {
         let first_turn = self.next_group * self.group_turns();
         self.next_group += 1;
         if !self.line.is_free(now) {
+            self.sight.advance();
             return;
         }
         let payload = self.payload(first_turn);
+        self.sight.advance();
         if std::mem::take(&mut self.single) {
             self.skip_to(now);
         }
@@ -152,7 +159,7 @@ impl VirtualSick {
         let format = ValueFormat::of_mode(self.config.measuring_mode()).unwrap_or(ValueFormat { mask: 0x1FFF });
         let beyond = format.beyond_maximum();
         let per_metre = f64::from(self.config.unit().unwrap_or(Unit::Centimetre).per_metre());
-        match self.meter.measure(self.scene.as_ref(), at, bearing_rad) {
+        match self.sight.measure(at, bearing_rad) {
             Reading::Nothing => beyond,
             // Dazzled, or a weak signal.
             Reading::Failed(pick) => format.mask - if pick % 4 == 0 { 1 } else { 4 },
