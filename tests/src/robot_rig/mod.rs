@@ -3,205 +3,40 @@
 //! The laser is plugged in when it is told, and not when a request has come through: so the robot sees the same scans at the same times
 //! whatever happens on the line.
 
-use std::collections::VecDeque;
+mod disk;
+mod line;
+mod ports;
 
 use lrfslam_core::lrf::driver::NEVER;
-use lrfslam_core::math::uniform;
-use lrfslam_core::random::RandomStream;
-use lrfslam_core::robot::{Input, Ports, Robot, RobotConfig, StandardPools};
+use lrfslam_core::robot::{Input, Robot, RobotConfig, StandardPools};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_core::wire::frame::MAX_FRAME;
-use lrfslam_core::wire::message::{FromRobot, Health, Status, ToRobot};
-use lrfslam_core::wire::session::{Progress, SessionCounters};
+use lrfslam_core::wire::message::{Status, ToRobot};
+use lrfslam_core::wire::session::SessionCounters;
 use lrfslam_firmware_sim::cable::{Cable, resample};
+use lrfslam_firmware_sim::robot_process::Memory;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
-use lrfslam_host::robot::{ClientMemory, RobotClient, RobotEvent, RobotMap, Sweeps};
-use rand_core::Rng as _;
+use lrfslam_host::robot::{ClientMemory, RobotClient, RobotEvent};
 
-/// Rate of the line between robot and host, bytes a second: 921,600 baud.
-const LINE_BYTES_PER_SECOND: i64 = 92_160;
-/// Bytes that the robot's end of it holds.
-const LINE_BUFFER: usize = 4096;
+pub use disk::{Disk, HostDisk, Life};
+use line::Line;
+pub use line::LineFaults;
+use ports::RigPorts;
+pub use ports::Tally;
+
 /// Time resolution of the laser's cable.
 const GRAIN: Duration = Duration::from_millis(5);
 
-/// Chance of each fault per frame, 0–1.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct LineFaults {
-    /// One bit is flipped.
-    pub flip: f32,
-    /// One byte is missing.
-    pub lose_byte: f32,
-    /// One byte comes twice.
-    pub double_byte: f32,
-    /// All of it is missing.
-    pub lose: f32,
-    /// It comes twice.
-    pub double: f32,
-}
-
-impl LineFaults {
-    /// Everything, each with this chance.
-    pub fn all(chance: f32) -> Self {
-        Self { flip: chance, lose_byte: chance, double_byte: chance, lose: chance, double: chance }
-    }
-}
-
-/// One direction of the host's line.
-struct Line {
-    faults: LineFaults,
-    rng: RandomStream,
-    under_way: VecDeque<(Instant, Vec<u8>)>,
-    free_at: Instant,
-    struck: u32,
-}
-
-impl Line {
-    fn new(faults: LineFaults, seed: u64) -> Self {
-        let rng = RandomStream::new(seed, 0, 0);
-        Self { faults, rng, under_way: VecDeque::new(), free_at: Instant::default(), struck: 0 }
-    }
-
-    fn strikes(&mut self, chance: f32) -> bool {
-        let strikes = uniform(&mut self.rng) < chance;
-        self.struck += u32::from(strikes);
-        strikes
-    }
-
-    fn send(&mut self, now: Instant, frame: &[u8]) {
-        let LineFaults { flip, lose_byte, double_byte, lose, double } = self.faults;
-        let mut bytes = frame.to_vec();
-        let at = |rng: &mut RandomStream, length: usize| rng.next_u32() as usize % length.max(1);
-        if self.strikes(flip) {
-            let place = at(&mut self.rng, bytes.len());
-            bytes[place] ^= 1 << (self.rng.next_u32() % 8);
-        }
-        if self.strikes(lose_byte) {
-            let place = at(&mut self.rng, bytes.len());
-            bytes.remove(place);
-        }
-        if self.strikes(double_byte) {
-            let place = at(&mut self.rng, bytes.len());
-            bytes.insert(place, bytes[place]);
-        }
-        let copies = 1 + usize::from(self.strikes(double));
-        if self.strikes(lose) {
-            return;
-        }
-        for _ in 0..copies {
-            let took = Duration::from_micros(bytes.len() as i64 * 1_000_000 / LINE_BYTES_PER_SECOND);
-            self.free_at = self.free_at.max(now) + took;
-            self.under_way.push_back((self.free_at, bytes.clone()));
-        }
-    }
-
-    fn room(&self) -> usize {
-        LINE_BUFFER.saturating_sub(self.under_way.iter().map(|(_, bytes)| bytes.len()).sum())
-    }
-
-    fn arrived(&mut self, now: Instant) -> Option<Vec<u8>> {
-        let (at, _) = self.under_way.front()?;
-        if *at <= now { self.under_way.pop_front().map(|(_, bytes)| bytes) } else { None }
-    }
-
-    fn next_arrival(&self) -> Option<Instant> {
-        self.under_way.front().map(|(at, _)| *at)
-    }
-}
-
-/// What the robot does to its ports.
-#[derive(Default)]
-struct RigPorts {
-    to_laser: Vec<Vec<u8>>,
-    baud: Option<u32>,
-    room: usize,
-    to_host: Vec<Vec<u8>>,
-    is_restart: bool,
-}
-
-impl Ports for RigPorts {
-    fn send_to_laser(&mut self, bytes: &[u8]) {
-        self.to_laser.push(bytes.to_vec());
-    }
-    fn set_laser_baud(&mut self, baud: u32) {
-        self.baud = Some(baud);
-    }
-    fn link_room(&self) -> usize {
-        self.room
-    }
-    fn send_to_host(&mut self, frame: &[u8]) {
-        self.room = self.room.saturating_sub(frame.len());
-        self.to_host.push(frame.to_vec());
-    }
-    fn restart(&mut self) {
-        self.is_restart = true;
-    }
-    fn health(&self) -> Health {
-        Health::default()
-    }
-}
-
-/// All that a host has heard of one life of a robot.
-#[derive(Debug, Clone, Default)]
-pub struct Life {
-    /// Epoch of the robot, once it is known.
-    pub epoch: Option<u32>,
-    /// Numbers of the reliable messages, as they came.
-    pub numbers: Vec<u32>,
-    /// What they say of path and map.
-    pub map: RobotMap,
-    /// Beams of each scan that was told with them.
-    pub sweeps: Vec<usize>,
-}
-
-impl Life {
-    fn take(&mut self, at: Progress, message: &FromRobot<'_>, parts: &mut Sweeps) {
-        self.epoch = Some(at.epoch);
-        self.numbers.push(at.next);
-        self.map.take(message);
-        match message {
-            FromRobot::Sweep(part) => parts.take_part(part),
-            FromRobot::Scan(pose) => {
-                self.sweeps.extend(parts.taken_at(pose.stamp).map(|sweep| sweep.scan().beams.len()));
-            }
-            _ => {}
-        }
-    }
-}
-
-/// What a host has on its disk: all lives of the robot, and how far it had come with the last.
-#[derive(Debug, Clone, Default)]
-pub struct Disk {
-    /// In order.
-    pub lives: Vec<Life>,
-    /// In words, and refusals.
-    pub said: Vec<String>,
-    progress: Option<Progress>,
-    parts: Sweeps,
-}
-
-impl Disk {
-    fn take(&mut self, at: Progress, message: &FromRobot<'_>) {
-        if self.lives.last().is_none_or(|life| life.epoch.is_some_and(|epoch| epoch != at.epoch)) {
-            self.lives.push(Life::default());
-        }
-        let parts = &mut self.parts;
-        self.lives.last_mut().into_iter().for_each(|life| life.take(at, message, parts));
-        self.progress = Some(Progress { epoch: at.epoch, next: at.next.wrapping_add(1) });
-        if let FromRobot::Said(text) | FromRobot::Refused(text) = message {
-            self.said.push((*text).to_owned());
-        }
-    }
-}
-
 /// See the [module](self).
-pub struct RobotRig {
+pub struct RobotRig<D = Disk> {
     /// The clock.
     pub now: Instant,
     /// What the host has stored.
-    pub disk: Disk,
+    pub disk: D,
     /// What the robot said of itself last.
     pub status: Status,
+    /// What its mapping did, in all its lives.
+    pub tally: Tally,
     config: RobotConfig,
     device: Box<dyn VirtualLrf>,
     cable: Cable,
@@ -209,6 +44,7 @@ pub struct RobotRig {
     is_laser_in: bool,
     /// When the laser's line is looked at next: at times of its own, so that the other line's do not show in the robot's clock.
     laser_at: Instant,
+    new_robot: fn(u32) -> Robot<'static>,
     robot: Robot<'static>,
     robot_epoch: u32,
     robot_deadline: Instant,
@@ -221,17 +57,49 @@ pub struct RobotRig {
 impl RobotRig {
     /// A robot with the memory of a 512 KiB image and a host, just switched on, and a laser that is not plugged in yet.
     pub fn new(device: Box<dyn VirtualLrf>, config: &RobotConfig, faults: LineFaults, seed: u64) -> Self {
+        Self::with::<StandardPools>(Disk::default(), device, config, faults, seed)
+    }
+
+    /// A host is started; with its disk, or on an empty one.
+    pub fn start_host(&mut self, has_disk: bool) {
+        if !has_disk {
+            self.disk = Disk::default();
+        }
+        self.start_host_on_disk();
+    }
+
+    /// Runs until `is_done`, for a minute at most.
+    pub fn run_until(&mut self, is_done: impl Fn(&Self) -> bool) {
+        let until = self.now + Duration::from_millis(60_000);
+        while !is_done(self) {
+            assert!(self.now < until, "nothing came of it: {:?} {:?}", self.status, self.disk.said);
+            self.step();
+        }
+    }
+}
+
+impl<D: HostDisk> RobotRig<D> {
+    /// A robot with the memory `M` and a host with a disk, the rest as [`RobotRig::new`].
+    pub fn with<M: Memory>(
+        disk: D,
+        device: Box<dyn VirtualLrf>,
+        config: &RobotConfig,
+        faults: LineFaults,
+        seed: u64,
+    ) -> Self {
         let mut rig = Self {
             now: Instant::default(),
-            disk: Disk::default(),
+            disk,
             status: Status::default(),
+            tally: Tally::default(),
             config: *config,
             device,
             cable: Cable::default(),
             laser_baud: 0,
             is_laser_in: false,
             laser_at: NEVER,
-            robot: new_robot(1),
+            new_robot: new_robot::<M>,
+            robot: new_robot::<M>(1),
             robot_epoch: 1,
             robot_deadline: Instant::default(),
             host: None,
@@ -240,18 +108,14 @@ impl RobotRig {
             down: Line::new(faults, seed ^ 0x5EED),
         };
         rig.give(Input::LinkConnected);
-        rig.start_host(true);
+        rig.start_host_on_disk();
         rig
     }
 
-    /// A host is started; with its disk, or on an empty one.
-    pub fn start_host(&mut self, has_disk: bool) {
-        if !has_disk {
-            self.disk = Disk::default();
-        }
+    fn start_host_on_disk(&mut self) {
         self.host_epoch += 100;
         let memory: &'static mut ClientMemory = Box::leak(Box::default());
-        let mut host = RobotClient::new(&self.config, self.host_epoch, self.disk.progress, memory);
+        let mut host = RobotClient::new(&self.config, self.host_epoch, self.disk.progress(), memory);
         host.session().connected(self.now);
         self.host = Some(host);
     }
@@ -265,7 +129,7 @@ impl RobotRig {
     pub fn reset_robot(&mut self) {
         self.plug_laser(false);
         self.robot_epoch += 1;
-        self.robot = new_robot(self.robot_epoch);
+        self.robot = (self.new_robot)(self.robot_epoch);
         self.give(Input::LinkConnected);
     }
 
@@ -305,15 +169,6 @@ impl RobotRig {
         self.now = until;
     }
 
-    /// Runs until `is_done`, for a minute at most.
-    pub fn run_until(&mut self, is_done: impl Fn(&Self) -> bool) {
-        let until = self.now + Duration::from_millis(60_000);
-        while !is_done(self) {
-            assert!(self.now < until, "nothing came of it: {:?} {:?}", self.status, self.disk.said);
-            self.step();
-        }
-    }
-
     fn next_event(&mut self) -> Instant {
         let mut next = self.robot_deadline;
         if self.is_laser_in {
@@ -323,7 +178,8 @@ impl RobotRig {
         [self.up.next_arrival(), self.down.next_arrival()].into_iter().flatten().fold(next, Instant::min)
     }
 
-    fn step(&mut self) {
+    /// Jumps to the next event, and lets it happen.
+    pub fn step(&mut self) {
         // What is due now may be due again at once: time goes on by a microsecond at least.
         self.now = self.next_event().max(self.now + Duration::from_micros(1));
         self.serve_laser();
@@ -365,10 +221,7 @@ impl RobotRig {
         };
         while let Some(bytes) = up.arrived(now) {
             host.take(now, &bytes, &mut |event| match event {
-                RobotEvent::Message(told) => {
-                    let message = told.message().expect("robot and host are of one version");
-                    disk.take(told.at, &message);
-                }
+                RobotEvent::Message(told) => disk.take(&told),
                 RobotEvent::Status(now) => *status = now,
                 RobotEvent::NewRobot => {}
                 RobotEvent::OtherVersion(version) => panic!("version {version}"),
@@ -384,9 +237,10 @@ impl RobotRig {
     }
 
     fn give(&mut self, input: Input<'_>) {
-        let mut ports = RigPorts { room: self.up.room(), ..RigPorts::default() };
+        let mut ports = RigPorts { room: self.up.room(), tally: self.tally, ..RigPorts::default() };
         self.robot_deadline = self.robot.handle(self.now, input, &mut ports);
         self.laser_baud = ports.baud.unwrap_or(self.laser_baud);
+        self.tally = ports.tally;
         ports.to_host.iter().for_each(|frame| self.up.send(self.now, frame));
         for bytes in ports.to_laser.iter().filter(|_| self.is_laser_in) {
             let heard = match self.device.baud(self.now) {
@@ -402,7 +256,7 @@ impl RobotRig {
     }
 }
 
-fn new_robot(epoch: u32) -> Robot<'static> {
-    let pools: &'static mut StandardPools = Box::leak(Box::new(StandardPools::EMPTY));
+fn new_robot<M: Memory>(epoch: u32) -> Robot<'static> {
+    let pools: &'static mut M = Box::leak(M::boxed());
     Robot::new("rig", epoch, pools.lend())
 }
