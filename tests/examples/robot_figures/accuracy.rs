@@ -1,0 +1,102 @@
+//! How far off the robot's path is, by where the scans' hits lie.
+
+use std::path::Path;
+
+use anyhow::{Context as _, ensure};
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::robot::{CompactPools, Mapping, RobotConfig, StandardPools};
+use lrfslam_host::config::RunConfig;
+use lrfslam_host::log::LogScan;
+use lrfslam_host::mapper::{Mapper, MapperMemory};
+use lrfslam_host::trajectory::read_trajectory;
+use lrfslam_tests::robot_rig::Tally;
+
+use crate::{MappedPath, compact, map, mounting, read, thinned};
+
+/// Of the robot's random numbers, one run each.
+const SEEDS: [u64; 3] = [1, 2, 3];
+
+/// Mean distance between where the hits lie by one path and by another, m.
+fn map_error(scans: &[LogScan], poses: &[Pose2], truth: &[Pose2]) -> f64 {
+    let (mut sum, mut count) = (0.0, 0_u64);
+    let robot_from_lrf = mounting(scans);
+    for ((scan, pose), truth) in scans.iter().zip(poses).zip(truth) {
+        for hit in scan.beams.iter().filter_map(|beam| beam.hit_in_lrf()) {
+            let hit = robot_from_lrf.transform(hit);
+            sum += f64::from((pose.transform(hit) - truth.transform(hit)).norm());
+            count += 1;
+        }
+    }
+    sum / count.max(1) as f64
+}
+
+fn on_this_computer(scans: &[LogScan]) -> anyhow::Result<Vec<Pose2>> {
+    let config = RunConfig::default();
+    let mut memory = MapperMemory::new(&config, 1);
+    let mut mapper = Mapper::new(&config, 1, &mut memory)?;
+    let robot_from_lrf = mounting(scans);
+    let pose = |scan: &LogScan| Ok(mapper.add_scan(&scan.scan(), robot_from_lrf, None)?.0.map_from_robot);
+    scans.iter().map(pose).collect()
+}
+
+pub fn accuracy(log: &Path, truth: Option<&Path>) -> anyhow::Result<()> {
+    let scans = read(log, &RunConfig::default())?;
+    let robot_from_lrf = mounting(&scans);
+    let computer = on_this_computer(&scans)?;
+    let truth = truth.map(|path| true_poses(path, &scans)).transpose()?;
+    println!("{}: {} scans", log.display(), scans.len());
+    let report = |name: &str, poses: &[Pose2]| {
+        let from_truth = truth.as_ref().map(|truth| format!("{:.3}", map_error(&scans, poses, truth)));
+        let from_truth = from_truth.unwrap_or("-".into());
+        println!(
+            "{name:<24} map error {from_truth:>6} m from the truth, {:.3} m from this computer",
+            map_error(&scans, poses, &computer)
+        );
+    };
+    report("this computer", &computer);
+    let thin: Vec<LogScan> = scans.iter().map(|scan| thinned(scan, 384)).collect();
+    for seed in SEEDS {
+        let mut pools = Box::new(StandardPools::EMPTY);
+        let config = RobotConfig { seed, robot_from_lrf, ..RobotConfig::default() };
+        let done = map(&mut Mapping::new(&config, pools.lend().mapping)?, &scans);
+        report(&format!("robot, 512 KiB, seed {seed}"), &done.poses);
+        println!("{:>24} {}", "", counts(&done));
+        let mut pools = Box::new(CompactPools::EMPTY);
+        let config = RobotConfig { seed, robot_from_lrf, ..compact() };
+        let done = map(&mut Mapping::new(&config, pools.lend().mapping)?, &thin);
+        report(&format!("robot, 192 KiB, seed {seed}"), &done.poses);
+        println!("{:>24} {}", "", counts(&done));
+    }
+    Ok(())
+}
+
+/// A path with a pose for every scan of the log, beside another or that of this computer.
+pub fn distance(log: &Path, path: &Path, other: Option<&Path>) -> anyhow::Result<()> {
+    let scans = read(log, &RunConfig::default())?;
+    let poses = |path: &Path| -> anyhow::Result<Vec<Pose2>> {
+        let poses = read_trajectory(path)?;
+        let (found, expected) = (poses.len(), scans.len());
+        ensure!(found == expected, "{}: {found} poses, expected one for each of {expected} scans", path.display());
+        Ok(poses.iter().map(|pose| pose.map_from_robot).collect())
+    };
+    let other = other.map_or_else(|| on_this_computer(&scans), poses)?;
+    println!("map error {:.3} m", map_error(&scans, &poses(path)?, &other));
+    Ok(())
+}
+
+fn counts(done: &MappedPath) -> String {
+    let MappedPath { steps, refused, tally, .. } = done;
+    let Tally { tiles, dropped, ndt_dropped, ndt_evicted, lost, .. } = tally;
+    format!(
+        "{steps} steps, {tiles} tiles at most, {dropped} particles and {ndt_dropped} points found no room, {ndt_evicted} of the matcher's tiles forgotten, {lost} scans lost, {refused} too large"
+    )
+}
+
+/// The true pose at each scan, seen from the first.
+fn true_poses(path: &Path, scans: &[LogScan]) -> anyhow::Result<Vec<Pose2>> {
+    let truth = read_trajectory(path)?;
+    let nearest = |scan: &LogScan| truth.iter().min_by_key(|pose| pose.stamp.since(scan.stamp).micros.abs());
+    let poses: Vec<Pose2> = scans.iter().filter_map(nearest).map(|pose| pose.map_from_robot).collect();
+    let first = *poses.first().context("the truth has no pose")?;
+    Ok(poses.iter().map(|pose| first.between(*pose)).collect())
+}
