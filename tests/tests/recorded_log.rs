@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use lrfslam_core::robot::{LaserConfig, LaserFamily, ReportConfig, RobotConfig, StandardPools};
+use lrfslam_core::robot::{LaserConfig, LaserFamily, ReportConfig, RobotConfig};
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_core::wire::message::FromRobot;
@@ -10,7 +10,7 @@ use lrfslam_core::wire::session::Progress;
 use lrfslam_firmware_sim::virtual_lrf::recording::{RecordedLaser, RecordedScan};
 use lrfslam_host::log::{LogOptions, LogReader, LogScan};
 use lrfslam_host::robot::{Sweeps, Told};
-use lrfslam_tests::robot_rig::{HostDisk, LineFaults, RobotRig};
+use lrfslam_tests::robot_rig::{Build, HostDisk, LineFaults, RobotRig};
 
 /// Scans that are compared.
 const SCANS: usize = 30;
@@ -66,7 +66,10 @@ fn heard(scans: &[LogScan]) -> Vec<ScanHeard> {
         beams: scan.beams.clone(),
     });
     let device = laser.say(recorded.collect());
-    let mut rig = RobotRig::with::<StandardPools>(ScansHeard::default(), device, &config, LineFaults::all(0.01), 1);
+    let memory = Box::new(|| Build::Standard.memory(&[]));
+    let mut rig = RobotRig::with(ScansHeard::default(), memory, device, &config);
+    rig.set_faults(LineFaults::all(0.01), 1);
+    rig.start();
     rig.run_for(Duration::from_millis(6000));
     rig.plug_laser(true);
     while rig.disk.scans.len() < scans.len() {

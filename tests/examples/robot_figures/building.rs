@@ -2,7 +2,7 @@
 //! the host that closes loops. Robot and host do in virtual time what they do at a table.
 //!
 //! The robot's clock begins when it is switched on; from the first scan on it goes with the log's times, made good where those run backwards, crowd
-//! or stop (see [`pace`]). `trajectory.tum` has the log's own times.
+//! or stop (see [`pace`]). `trajectory.tum` has the log's own times, and so has `robot.tum`, the robot's own path before the host has closed any loop.
 
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
@@ -10,18 +10,18 @@ use std::path::{Path, PathBuf};
 use std::time::Instant as WallInstant;
 
 use anyhow::{Context as _, ensure};
-use clap::{Args, ValueEnum};
-use lrfslam_core::robot::{CompactPools, LargePools, LaserConfig, LaserFamily, StandardPools};
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use lrfslam_core::robot::{LaserConfig, LaserFamily};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_core::wire::message::{FromRobot, ToRobot};
 use lrfslam_core::wire::session::Progress;
-use lrfslam_firmware_sim::robot_process::Memory;
 use lrfslam_firmware_sim::virtual_lrf::recording::{RecordedLaser, RecordedScan};
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::log::LogScan;
 use lrfslam_host::robot::{RobotRun, Told};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
-use lrfslam_tests::robot_rig::{HostDisk, LineFaults, RobotRig, Tally};
+use lrfslam_tests::robot_rig::{Build, HostDisk, LineFaults, MakeMemory, PoolSize, RobotRig, Tally};
 
 use crate::read;
 
@@ -41,30 +41,26 @@ const TELL_EVERY: usize = 1000;
 #[derive(Args)]
 pub struct BuildingArgs {
     log: PathBuf,
-    /// Folder for the results, as `lrfslam attach` leaves them
+    /// Folder for the results, as `lrfslam attach` leaves them, and robot.tum, the path without the loops that the host closes
     out: PathBuf,
     /// Of robot, host and the line's faults
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// How much memory the robot has, as for robot-sim
-    #[arg(long, value_enum, default_value_t = Size::Standard)]
-    memory: Size,
+    #[arg(long, value_parser = PossibleValuesParser::new(["standard", "compact", "large"]).map(|name| build(&name)), default_value = "standard")]
+    memory: Build,
     /// Change one value of the robot's and host's configuration; may be given more than once
     #[arg(long, value_name = "SECTION.KEY=VALUE")]
     set: Vec<String>,
+    /// One of the robot's pools is of another size than there; may be given more than once
+    #[arg(long, value_name = "NAME=COUNT", value_parser = PoolSize::parse)]
+    pool: Vec<PoolSize>,
     /// Only so many scans from the log's start
     #[arg(long, value_name = "N")]
     scans: Option<usize>,
     /// Chance of each fault per frame of the host's line
     #[arg(long, value_name = "CHANCE", default_value_t = 0.0)]
     faults: f32,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum Size {
-    Standard,
-    Compact,
-    Large,
 }
 
 /// The host's memory: a run, and what went wrong with it first.
@@ -104,11 +100,7 @@ pub fn building(args: &BuildingArgs) -> anyhow::Result<()> {
     let mut scans = read(&args.log, &config)?;
     scans.truncate(args.scans.unwrap_or(usize::MAX));
     mount(&mut config, &scans);
-    match args.memory {
-        Size::Standard => drive::<StandardPools>(args, &config, &scans),
-        Size::Compact => drive::<CompactPools>(args, &config, &scans),
-        Size::Large => drive::<LargePools>(args, &config, &scans),
-    }
+    drive(args, &config, &scans)
 }
 
 /// Gives robot and host the mounting that the log tells, if they are to have it.
@@ -120,9 +112,9 @@ fn mount(config: &mut RunConfig, scans: &[LogScan]) {
     }
 }
 
-fn drive<M: Memory>(args: &BuildingArgs, config: &RunConfig, scans: &[LogScan]) -> anyhow::Result<()> {
+fn drive(args: &BuildingArgs, config: &RunConfig, scans: &[LogScan]) -> anyhow::Result<()> {
     let started = WallInstant::now();
-    let (laser, wanted) = laser::<M>(&args.log, scans)?;
+    let (laser, wanted) = laser(&args.log, scans, memory(args)().beams.len())?;
     let after = pace(scans);
     let length = after.last().copied().unwrap_or_default();
     let recorded =
@@ -130,7 +122,9 @@ fn drive<M: Memory>(args: &BuildingArgs, config: &RunConfig, scans: &[LogScan]) 
     let heard = Heard { run: RobotRun::open(&args.out, config, args.seed)?, sweeps: 0, fault: None };
     let faults = LineFaults::all(args.faults);
     let robot = config.robot(args.seed, wanted);
-    let mut rig = RobotRig::with::<M>(heard, laser.say(recorded.collect()), &robot, faults, args.seed);
+    let mut rig = RobotRig::with(heard, memory(args), laser.say(recorded.collect()), &robot);
+    rig.set_faults(faults, args.seed);
+    rig.start();
     rig.run_for(LASER_AT);
     rig.plug_laser(true);
     let until = rig.now + START + length;
@@ -141,8 +135,21 @@ fn drive<M: Memory>(args: &BuildingArgs, config: &RunConfig, scans: &[LogScan]) 
     finish(args, scans, rig, started)
 }
 
+fn build(name: &str) -> Build {
+    match name {
+        "compact" => Build::Compact,
+        "large" => Build::Large,
+        _ => Build::Standard,
+    }
+}
+
+fn memory(args: &BuildingArgs) -> MakeMemory {
+    let (build, pools) = (args.memory, args.pool.clone());
+    Box::new(move || build.memory(&pools))
+}
+
 /// The laser that took the log, and what the robot is told of it.
-fn laser<M: Memory>(log: &Path, scans: &[LogScan]) -> anyhow::Result<(RecordedLaser, LaserConfig)> {
+fn laser(log: &Path, scans: &[LogScan], room: usize) -> anyhow::Result<(RecordedLaser, LaserConfig)> {
     let first = scans.first().with_context(|| format!("{}: no scan", log.display()))?;
     let range_max_m = scans.iter().map(|scan| scan.range_max_m).fold(0.0, f32::max);
     let laser = RecordedLaser::of(&first.beams, range_max_m).with_context(|| {
@@ -156,7 +163,6 @@ fn laser<M: Memory>(log: &Path, scans: &[LogScan]) -> anyhow::Result<(RecordedLa
             bearing_deg(first.beams.last()),
         )
     })?;
-    let room = M::boxed().lend().beams.len();
     let cluster = first.beams.len().div_ceil(room.max(1)) as u8;
     let wanted = match laser {
         RecordedLaser::Sick(_) => LaserConfig { family: LaserFamily::Sick, baud: SICK_BAUD, cluster: 1 },
@@ -213,10 +219,12 @@ fn finish(
     let (damaged, line_faults) = (rig.host_counters().frames.damaged, rig.faults());
     let RobotRig { status, tally, disk: Heard { mut run, sweeps, .. }, .. } = rig;
     let numbers: Vec<u32> = run.map().scans().iter().map(|scan| scan.number).collect();
+    write_path(&args.out.join("robot.tum"), &run.map().path(), scans, &numbers)?;
     run.set_status(&status);
     let high = run.high_counts();
     run.finish(&args.log.display().to_string(), damaged, None)?;
-    give_times(&args.out.join("trajectory.tum"), scans, &numbers)?;
+    let file = args.out.join("trajectory.tum");
+    write_path(&file, &read_trajectory(&file)?, scans, &numbers)?;
     let Tally { lost, dropped, tiles, ndt_dropped, ndt_evicted, .. } = tally;
     let wall_s = started.elapsed().as_secs_f64();
     println!("{} of {} scans mapped, {lost} of them lost", tally.scans, scans.len());
@@ -233,9 +241,8 @@ fn finish(
     Ok(())
 }
 
-/// Puts the log's times in the place of those of the robot's clock.
-fn give_times(file: &Path, scans: &[LogScan], numbers: &[u32]) -> anyhow::Result<()> {
-    let poses = read_trajectory(file)?;
+/// Writes the poses of the scans with these numbers, the log's times in the place of those of the robot's clock.
+fn write_path(file: &Path, poses: &[TimedPose], scans: &[LogScan], numbers: &[u32]) -> anyhow::Result<()> {
     ensure!(poses.len() == numbers.len(), "{}: {} poses of {} scans", file.display(), poses.len(), numbers.len());
     let mut out = BufWriter::new(File::create(file)?);
     for (pose, number) in poses.iter().zip(numbers) {

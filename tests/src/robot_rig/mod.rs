@@ -5,27 +5,31 @@
 
 mod disk;
 mod line;
+mod memory;
 mod ports;
 
 use lrfslam_core::lrf::driver::NEVER;
-use lrfslam_core::robot::{Input, Robot, RobotConfig, StandardPools};
+use lrfslam_core::robot::{Input, Robot, RobotConfig, RobotMemory};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_core::wire::frame::MAX_FRAME;
 use lrfslam_core::wire::message::{Status, ToRobot};
 use lrfslam_core::wire::session::SessionCounters;
 use lrfslam_firmware_sim::cable::{Cable, resample};
-use lrfslam_firmware_sim::robot_process::Memory;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_host::robot::{ClientMemory, RobotClient, RobotEvent};
 
 pub use disk::{Disk, HostDisk, Life};
 use line::Line;
 pub use line::LineFaults;
+pub use memory::{Build, PoolSize};
 use ports::RigPorts;
 pub use ports::Tally;
 
 /// Time resolution of the laser's cable.
 const GRAIN: Duration = Duration::from_millis(5);
+
+/// Makes the memory of a robot, for each of its lives.
+pub type MakeMemory = Box<dyn Fn() -> RobotMemory<'static>>;
 
 /// See the [module](self).
 pub struct RobotRig<D = Disk> {
@@ -44,7 +48,7 @@ pub struct RobotRig<D = Disk> {
     is_laser_in: bool,
     /// When the laser's line is looked at next: at times of its own, so that the other line's do not show in the robot's clock.
     laser_at: Instant,
-    new_robot: fn(u32) -> Robot<'static>,
+    make_memory: MakeMemory,
     robot: Robot<'static>,
     robot_epoch: u32,
     robot_deadline: Instant,
@@ -57,7 +61,10 @@ pub struct RobotRig<D = Disk> {
 impl RobotRig {
     /// A robot with the memory of a 512 KiB image and a host, just switched on, and a laser that is not plugged in yet.
     pub fn new(device: Box<dyn VirtualLrf>, config: &RobotConfig, faults: LineFaults, seed: u64) -> Self {
-        Self::with::<StandardPools>(Disk::default(), device, config, faults, seed)
+        let mut rig = Self::with(Disk::default(), Box::new(|| Build::Standard.memory(&[])), device, config);
+        rig.set_faults(faults, seed);
+        rig.start();
+        rig
     }
 
     /// A host is started; with its disk, or on an empty one.
@@ -79,15 +86,9 @@ impl RobotRig {
 }
 
 impl<D: HostDisk> RobotRig<D> {
-    /// A robot with the memory `M` and a host with a disk, the rest as [`RobotRig::new`].
-    pub fn with<M: Memory>(
-        disk: D,
-        device: Box<dyn VirtualLrf>,
-        config: &RobotConfig,
-        faults: LineFaults,
-        seed: u64,
-    ) -> Self {
-        let mut rig = Self {
+    /// A robot and a host with this disk, both still to be [started](Self::start), and a line without faults between them.
+    pub fn with(disk: D, make_memory: MakeMemory, device: Box<dyn VirtualLrf>, config: &RobotConfig) -> Self {
+        Self {
             now: Instant::default(),
             disk,
             status: Status::default(),
@@ -98,18 +99,27 @@ impl<D: HostDisk> RobotRig<D> {
             laser_baud: 0,
             is_laser_in: false,
             laser_at: NEVER,
-            new_robot: new_robot::<M>,
-            robot: new_robot::<M>(1),
+            robot: Robot::new("rig", 1, make_memory()),
+            make_memory,
             robot_epoch: 1,
             robot_deadline: Instant::default(),
             host: None,
             host_epoch: 0,
-            up: Line::new(faults, seed),
-            down: Line::new(faults, seed ^ 0x5EED),
-        };
-        rig.give(Input::LinkConnected);
-        rig.start_host_on_disk();
-        rig
+            up: Line::new(LineFaults::default(), 0),
+            down: Line::new(LineFaults::default(), 0),
+        }
+    }
+
+    /// Makes the line as bad as this.
+    pub fn set_faults(&mut self, faults: LineFaults, seed: u64) {
+        self.up = Line::new(faults, seed);
+        self.down = Line::new(faults, seed ^ 0x5EED);
+    }
+
+    /// Robot and host are switched on.
+    pub fn start(&mut self) {
+        self.give(Input::LinkConnected);
+        self.start_host_on_disk();
     }
 
     fn start_host_on_disk(&mut self) {
@@ -129,7 +139,7 @@ impl<D: HostDisk> RobotRig<D> {
     pub fn reset_robot(&mut self) {
         self.plug_laser(false);
         self.robot_epoch += 1;
-        self.robot = (self.new_robot)(self.robot_epoch);
+        self.robot = Robot::new("rig", self.robot_epoch, (self.make_memory)());
         self.give(Input::LinkConnected);
     }
 
@@ -254,9 +264,4 @@ impl<D: HostDisk> RobotRig<D> {
             self.reset_robot();
         }
     }
-}
-
-fn new_robot<M: Memory>(epoch: u32) -> Robot<'static> {
-    let pools: &'static mut M = Box::leak(M::boxed());
-    Robot::new("rig", epoch, pools.lend())
 }
