@@ -15,7 +15,7 @@ pub struct ConfigError {
     /// What it was.
     pub value: heapless::String<24>,
     /// What would be right.
-    pub expected: heapless::String<48>,
+    pub expected: heapless::String<96>,
 }
 
 /// One field of a section, as listed for people.
@@ -38,9 +38,23 @@ pub trait Section {
     /// Calls `visit` with every field in order.
     fn visit(&self, visit: &mut dyn FnMut(&Field<'_>));
 
+    /// Name of the first field that is out of its bounds (NaN always is), without the words that would cost a small robot 20 KB.
+    fn out_of_bounds(&self) -> Option<&'static str>;
+
     /// # Errors
     /// The first field out of its bounds.
-    fn validate(&self) -> Result<(), ConfigError>;
+    fn validate(&self) -> Result<(), ConfigError> {
+        let Some(field) = self.out_of_bounds() else { return Ok(()) };
+        let mut error = ConfigError { field, value: heapless::String::new(), expected: heapless::String::new() };
+        self.visit(&mut |listed| {
+            if listed.name == field {
+                // A text that does not fit is cut: values and bounds are short by construction.
+                let _ = listed.value.write_toml(&mut error.value);
+                error.expected.clone_from(&listed.expected);
+            }
+        });
+        Err(error)
+    }
 }
 
 /// A type that a field may have.
@@ -74,30 +88,12 @@ pub fn text(words: &str) -> heapless::String<96> {
 }
 
 /// Text of bounds: `4 to 512`; the first argument only lends its type to literals.
-pub fn describe_bounds<const N: usize, T: ConfigValue>(
-    _typed: &T,
-    bounds: &core::ops::RangeInclusive<T>,
-) -> heapless::String<N> {
+pub fn describe_bounds<T: ConfigValue>(_typed: &T, bounds: &core::ops::RangeInclusive<T>) -> heapless::String<96> {
     let mut text = heapless::String::new();
     let written = bounds.start().write_toml(&mut text).and_then(|()| text.write_str(" to "));
     // A text that does not fit is cut: bounds are short by construction.
     let _ = written.and_then(|()| bounds.end().write_toml(&mut text));
     text
-}
-
-/// # Errors
-/// If `value` is outside `bounds` (NaN always is).
-pub fn check_bounds<T: ConfigValue + PartialOrd>(
-    field: &'static str,
-    value: &T,
-    bounds: &core::ops::RangeInclusive<T>,
-) -> Result<(), ConfigError> {
-    if bounds.contains(value) {
-        return Ok(());
-    }
-    let mut text = heapless::String::new();
-    let _ = value.write_toml(&mut text);
-    Err(ConfigError { field, value: text, expected: describe_bounds(value, bounds) })
 }
 
 /// Declares a configuration section; see the [module](mod@crate::config).
@@ -148,9 +144,9 @@ macro_rules! config {
                 )*
             }
 
-            fn validate(&self) -> Result<(), $crate::config::ConfigError> {
-                $( $( $crate::config::check_bounds(stringify!($field), &self.$field, &($bounds))?; )? )*
-                Ok(())
+            fn out_of_bounds(&self) -> Option<&'static str> {
+                $( $( if !($bounds).contains(&self.$field) { return Some(stringify!($field)); } )? )*
+                None
             }
         }
     };

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::sweep_report::ReportConfig;
-use crate::config::{ConfigError, Section};
+use crate::config::Section as _;
 use crate::de::DeConfig;
 use crate::distributed_map::ParticleMapConfig;
 use crate::filter::FilterConfig;
@@ -107,27 +107,26 @@ impl Default for RobotConfig {
 }
 
 impl RobotConfig {
-    /// # Errors
-    /// The first field out of its bounds.
-    pub fn validate(&self) -> Result<(), ConfigError> {
-        let sections: [&dyn Section; 15] = [
-            &self.filter,
-            &self.ndt,
-            &self.search,
-            &self.de,
-            &self.matcher,
-            &self.odometry,
-            &self.recovery,
-            &self.steps,
-            &self.motion,
-            &self.particles,
-            &self.particle_map,
-            &self.rays,
-            &self.perception,
-            &self.refinement,
-            &self.report,
+    /// Name of the first field that is out of its bounds.
+    pub fn out_of_bounds(&self) -> Option<&'static str> {
+        let sections = [
+            self.filter.out_of_bounds(),
+            self.ndt.out_of_bounds(),
+            self.search.out_of_bounds(),
+            self.de.out_of_bounds(),
+            self.matcher.out_of_bounds(),
+            self.odometry.out_of_bounds(),
+            self.recovery.out_of_bounds(),
+            self.steps.out_of_bounds(),
+            self.motion.out_of_bounds(),
+            self.particles.out_of_bounds(),
+            self.particle_map.out_of_bounds(),
+            self.rays.out_of_bounds(),
+            self.perception.out_of_bounds(),
+            self.refinement.out_of_bounds(),
+            self.report.out_of_bounds(),
         ];
-        sections.iter().try_for_each(|section| section.validate())
+        sections.into_iter().flatten().next()
     }
 
     /// The part for laser odometry.

@@ -288,8 +288,8 @@ impl<'m> Robot<'m> {
             self.answer = Some(if is_same { Answer::Configured } else { refused("running; restart it first") });
             return;
         }
-        if let Err(error) = config.validate() {
-            self.answer = Some(refused(error));
+        if let Some(field) = config.out_of_bounds() {
+            self.answer = Some(refused(format_args!("{field} is out of its bounds")));
             return;
         }
         let Work::Waiting(idle) = core::mem::replace(&mut self.work, Work::Nothing) else { return };
