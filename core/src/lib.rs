@@ -59,6 +59,7 @@ pub mod particles;
 pub mod perception;
 pub mod random;
 pub mod rays;
+pub mod region;
 pub mod robot;
 pub mod scan;
 pub mod slam;

@@ -11,12 +11,13 @@
 
 use rand_core::Rng;
 
-use crate::distributed_map::Window;
+use crate::distributed_map::{DistributedMap, Window};
 use crate::filter::PointCapacityError;
 use crate::geometry::{Point2, Pose2};
 use crate::laser_odometry::{self, LaserOdometry};
 use crate::low_slam::{self, LowSlam, Weighing};
 use crate::motion::{MatchedMotion, ScanMatchingMotion, ScanMatchingMotionConfig};
+use crate::ndt::NdtGrid;
 use crate::particles::Sample;
 use crate::rays::RayCapacityError;
 use crate::scan::RangeScan;
@@ -104,6 +105,11 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
     /// The laser odometry.
     pub fn odometry(&self) -> &LaserOdometry<'m> {
         &self.odometry
+    }
+
+    /// The particles' map and the matcher's reference, to let go and take back tiles.
+    pub fn maps_mut(&mut self) -> (&mut DistributedMap<'m, SIDE>, &mut NdtGrid<'m>) {
+        (self.filter.map_mut(), self.odometry.ndt_mut())
     }
 
     /// Puts the robot at `map_from_robot` and forgets the map; to be followed by [`refer_to`](Self::refer_to) for every scan of the new one.

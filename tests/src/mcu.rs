@@ -239,6 +239,7 @@ impl<'d> Bench<'d> {
                 map.take(&message);
             }
         });
+        client.give_back(self.drive.map.pages());
         let session = client.session();
         if now >= session.deadline() {
             session.timeout(now);

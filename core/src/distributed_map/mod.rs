@@ -24,11 +24,13 @@
 //!
 //! The figures of a tile of 16 × 16 squares: 512 bytes and a header of 20; of 8 × 8: 128 and 20.
 
+mod exchange;
 mod print;
 mod square;
 mod tiles;
 mod window;
 
+pub use exchange::Restored;
 pub use print::{Print, PrintReport};
 pub use square::{DISTANCE_UNITS, Square};
 pub use tiles::{DistributedMap, MapMemory, MapMemoryError, PoolFullError, Tile, TileHeader, TileId, TilePlace};

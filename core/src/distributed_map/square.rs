@@ -22,6 +22,11 @@ impl Square {
     /// A square never seen.
     pub const UNSEEN: Self = Self { hits: 0, distance: 0 };
 
+    /// That many hits, no more than the distance.
+    pub(super) fn of(hits: u8, distance: u8) -> Self {
+        Self { hits: hits.min(distance), distance }
+    }
+
     /// Rays stopped in it.
     pub const fn hits(self) -> u8 {
         self.hits

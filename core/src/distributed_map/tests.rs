@@ -225,6 +225,76 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20))]
+    #[test]
+    fn tiles_that_were_away_are_seen_again_as_they_were(seed in any::<u64>()) {
+        let mut memory = Memory::new(6000, 20);
+        let mut rig = Rig::new(&mut memory, seed);
+        let mut were_away = 0;
+        for _ in 0..40 {
+            rig.centre = rig.centre + Point2::new(0.6, 0.0);
+            let middle = (rig.centre.x as i16, rig.centre.y as i16);
+            let is_far = |place: &TilePlace| (place.column - middle.0).abs() > 7 || (place.row - middle.1).abs() > 7;
+            let places: Vec<TilePlace> = rig.map.settled_places().filter(is_far).collect();
+            let used = rig.map.tiles_used();
+            let mut away = Vec::new();
+            for place in &places {
+                let mut bytes = [0; 2 * SIDE * SIDE];
+                rig.map.settled_tile(*place).unwrap().to_bytes(&mut bytes).unwrap();
+                prop_assert!(rig.map.let_go(*place) && !rig.map.let_go(*place));
+                away.push(bytes);
+            }
+            prop_assert_eq!(rig.map.tiles_used(), used - places.len());
+            rig.generation(10);
+            for (place, bytes) in places.iter().zip(&away) {
+                let tile = || Tile::from_bytes(bytes).unwrap();
+                prop_assert_eq!(rig.map.restore(*place, tile()), Ok(Restored::Done));
+                prop_assert_eq!(rig.map.restore(*place, tile()), Ok(Restored::IsKnown));
+            }
+            rig.compare_all();
+            were_away += places.len();
+        }
+        prop_assert!(were_away > 100, "{}", were_away);
+    }
+}
+
+#[test]
+fn a_tile_that_a_particle_has_changed_stays() {
+    let mut memory = Memory::new(200, 20);
+    let mut rig = Rig::new(&mut memory, 3);
+    rig.print();
+    let settled: Vec<TilePlace> = rig.map.settled_places().collect();
+    rig.resample(&[2]);
+    rig.print();
+    let changed: Vec<TilePlace> =
+        settled.iter().copied().filter(|place| rig.map.settled_tile(*place).is_none()).collect();
+    assert!(!changed.is_empty());
+    assert!(changed.iter().all(|place| !rig.map.let_go(*place)));
+    rig.compare_all();
+    // One line is left: its changes are everybody's.
+    rig.resample(&[1, 0]);
+    assert!(changed.iter().all(|place| rig.map.let_go(*place)));
+}
+
+#[test]
+fn tiles_kept_free_are_for_those_that_come_back() {
+    let mut memory = Memory::new(40, 20);
+    let mut rig = Rig::new(&mut memory, 4);
+    let tile = Tile::from_bytes(&[1; 2 * SIDE * SIDE]).unwrap();
+    rig.map.keep_free(30);
+    let rays = [Ray { direction: Point2::new(1.0, 0.0), length_m: 20.0, hit: true }];
+    let frame = WindowFrame::around(Point2::new(-1.0, -1.0), Point2::new(12.0, 1.0), 16, 1.0);
+    rig.window.open(&rig.map, &rig.tree, frame, NodeId::ROOT);
+    assert_eq!(Print::new(&rays, Pose2::new(0.1, 0.1, 0.0)).run(&mut rig.map, &mut rig.window), Err(PoolFullError));
+    assert_eq!(rig.map.tiles_used(), 9);
+    for column in 100..130 {
+        assert_eq!(rig.map.restore(TilePlace { column, row: 0 }, tile.clone()), Ok(Restored::Done));
+    }
+    assert_eq!(rig.map.restore(TilePlace { column: 99, row: 0 }, tile), Err(PoolFullError));
+    assert!(Tile::<SIDE>::from_bytes(&[0; 3]).is_none());
+}
+
 #[test]
 fn no_tile_leaks_over_a_hundred_thousand_generations() {
     let mut memory = Memory::new(4000, 8);

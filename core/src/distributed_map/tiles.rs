@@ -46,6 +46,25 @@ impl<const SIDE: usize> Tile<SIDE> {
     pub fn rows(&self) -> &[[Square; SIDE]; SIDE] {
         &self.squares
     }
+
+    /// Writes hits and distance of every square, row by row, into `bytes`; returns those used, or `None` if there is no room.
+    pub fn to_bytes<'b>(&self, bytes: &'b mut [u8]) -> Option<&'b [u8]> {
+        let bytes = bytes.get_mut(..2 * SIDE * SIDE)?;
+        for (pair, square) in bytes.chunks_exact_mut(2).zip(self.squares.iter().flatten()) {
+            pair.copy_from_slice(&[square.hits(), square.distance()]);
+        }
+        Some(bytes)
+    }
+
+    /// The tile that [`to_bytes`](Self::to_bytes) wrote; `None` if the bytes are not as many.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        let mut tile = Self::UNSEEN;
+        let pairs = bytes.as_chunks::<2>().0.iter();
+        for (square, [hits, distance]) in tile.squares.iter_mut().flatten().zip(pairs) {
+            *square = Square::of(*hits, *distance);
+        }
+        (bytes.len() == 2 * SIDE * SIDE).then_some(tile)
+    }
 }
 
 /// What is known of a tile besides its squares, apart from them so that walking over tiles is fast. All zero when free.
@@ -53,6 +72,8 @@ impl<const SIDE: usize> Tile<SIDE> {
 pub struct TileHeader {
     pub(super) place: TilePlace,
     pub(super) owner: NodeId,
+    /// Tiles of which this is the base.
+    pub(super) covered_by: u16,
     /// What the owner's parent sees here.
     pub(super) base: TileId,
     /// In the owner's list or the directory's chain; of a free tile, the next free one.
@@ -65,6 +86,7 @@ impl TileHeader {
     pub const FREE: Self = Self {
         place: TilePlace { column: 0, row: 0 },
         owner: NodeId::NONE,
+        covered_by: 0,
         base: TileId::NONE,
         next: TileId::NONE,
         previous: TileId::NONE,
@@ -123,6 +145,8 @@ pub struct DistributedMap<'m, const SIDE: usize> {
     taken: u32,
     free: TileId,
     used: u32,
+    /// Free tiles that nobody may print into.
+    reserve: u32,
 }
 
 impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
@@ -159,6 +183,7 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
             taken: 1,
             free: TileId::NONE,
             used: 0,
+            reserve: 0,
         })
     }
 
@@ -167,6 +192,11 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
         self.node_tiles.fill(TileId::NONE);
         self.directory.fill(TileId::NONE);
         (self.taken, self.free, self.used) = (1, TileId::NONE, 0);
+    }
+
+    /// Leaves so many tiles of the pool to those that come back; see [`restore`](Self::restore).
+    pub fn keep_free(&mut self, tiles: u16) {
+        self.reserve = u32::from(tiles);
     }
 
     /// Tiles in use.
@@ -246,12 +276,27 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
 
     /// A tile of its own for `owner` at `place`, where it has seen `base` so far.
     pub(super) fn copy(&mut self, base: TileId, place: TilePlace, owner: NodeId) -> Result<TileId, PoolFullError> {
-        let id = self.take()?;
+        if self.tiles_max() - self.tiles_used() <= self.reserve as usize {
+            return Err(PoolFullError);
+        }
         let seen = self.tiles.get(base.index()).cloned().unwrap_or(Tile::UNSEEN);
+        self.add(seen, base, place, owner)
+    }
+
+    /// A tile for `owner` at `place`, whose parent sees `base` there.
+    pub(super) fn add(
+        &mut self,
+        seen: Tile<SIDE>,
+        base: TileId,
+        place: TilePlace,
+        owner: NodeId,
+    ) -> Result<TileId, PoolFullError> {
+        let id = self.take()?;
         if let Some(tile) = self.tiles.get_mut(id.index()) {
             *tile = seen;
         }
         self.edit(id, |header| *header = TileHeader { place, base, ..TileHeader::default() });
+        self.edit(base, |header| header.covered_by += 1);
         self.link(id, owner);
         Ok(id)
     }
@@ -265,8 +310,13 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
         self.edit(next, |header| header.previous = id);
     }
 
+    /// Headers of all tiles that are or were in use.
+    pub(super) fn headers_taken(&self) -> impl Iterator<Item = &TileHeader> {
+        self.headers.iter().take(self.taken as usize).skip(1)
+    }
+
     /// Takes a tile out of the list of its owner.
-    fn unlink(&mut self, id: TileId) {
+    pub(super) fn unlink(&mut self, id: TileId) {
         let TileHeader { place, owner, next, previous, .. } = self.header(id);
         self.edit(next, |header| header.previous = previous);
         self.edit(previous, |header| header.next = next);
@@ -305,8 +355,10 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
         Ok(id)
     }
 
-    fn give_back(&mut self, id: TileId) {
+    pub(super) fn give_back(&mut self, id: TileId) {
         let next = self.free;
+        let base = self.header(id).base;
+        self.edit(base, |header| header.covered_by = header.covered_by.saturating_sub(1));
         self.edit(id, |header| *header = TileHeader { next, ..TileHeader::default() });
         self.free = id;
         self.used -= 1;
@@ -343,6 +395,7 @@ impl<const SIDE: usize> NodeObserver for DistributedMap<'_, SIDE> {
             let covered = self.header(base);
             if base != TileId::NONE && covered.owner == parent {
                 self.edit(id, |header| header.base = covered.base);
+                self.edit(covered.base, |header| header.covered_by += 1);
                 self.unlink(base);
                 self.give_back(base);
             }

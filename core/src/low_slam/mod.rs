@@ -232,6 +232,11 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         &self.map
     }
 
+    /// The same, to let go and take back tiles that no particle has changed.
+    pub fn map_mut(&mut self) -> &mut DistributedMap<'m, SIDE> {
+        &mut self.map
+    }
+
     /// The tree.
     pub fn ancestry(&self) -> &Ancestry<'m> {
         &self.ancestry

@@ -1,5 +1,7 @@
 //! One cell: running sums of its points, and the normal distribution they make.
 
+use serde::{Deserialize, Serialize};
+
 use super::NdtConfig;
 use crate::geometry::Point2;
 use crate::math::exp2_neg;
@@ -12,7 +14,7 @@ const FROZEN: u32 = 1 << 31;
 const MINUS_HALF_LOG2_E: f32 = -0.5 * core::f32::consts::LOG2_E;
 
 /// Running sums of the points in one cell, as fixed-point offsets from its centre.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct CellSums {
     count: u32,
     x: i32,
@@ -52,6 +54,11 @@ impl CellSums {
     /// True if no point may be added or removed.
     pub(super) fn is_frozen(&self) -> bool {
         self.count & FROZEN != 0
+    }
+
+    /// Points in the cell.
+    pub(super) fn points(&self) -> u32 {
+        self.count & !FROZEN
     }
 
     /// Halves the evidence once it has reached `count_max` points.

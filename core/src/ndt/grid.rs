@@ -4,11 +4,12 @@ use super::NdtConfig;
 use super::cell::{CellSums, Gaussian};
 use crate::geometry::{Point2, Pose2};
 use crate::math::{floor, sin_cos};
+use crate::region::{Region, TileAddress};
 
 /// Cells along a tile's side.
 pub const TILE_CELLS: usize = 1 << TILE_SHIFT;
 const TILE_SHIFT: u32 = 2;
-const TILE_AREA: usize = TILE_CELLS * TILE_CELLS;
+pub(super) const TILE_AREA: usize = TILE_CELLS * TILE_CELLS;
 /// Farther than this from the origin a point is dropped, m: 16-bit tile coordinates and `f32` give out.
 const REACH_M: f32 = 5_000.0;
 
@@ -16,11 +17,11 @@ const REACH_M: f32 = 5_000.0;
 #[derive(Debug, Clone)]
 pub struct NdtTile {
     /// Of this tile in the directory, or the next free tile.
-    link: u32,
+    pub(super) link: u32,
     /// Points in it.
-    count: u32,
-    sums: [CellSums; TILE_AREA],
-    gaussians: [Gaussian; TILE_AREA],
+    pub(super) count: u32,
+    pub(super) sums: [CellSums; TILE_AREA],
+    pub(super) gaussians: [Gaussian; TILE_AREA],
 }
 
 impl NdtTile {
@@ -32,8 +33,8 @@ impl NdtTile {
 /// Which tile holds a place of the plane. All zero when empty.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct DirectoryEntry {
-    key: u32,
-    tile: u16,
+    pub(super) key: u32,
+    pub(super) tile: u16,
 }
 
 impl DirectoryEntry {
@@ -64,26 +65,28 @@ pub struct InsertReport {
 /// A plane of cells over memory lent by the caller; see the [module](super).
 #[derive(Debug)]
 pub struct NdtGrid<'m> {
-    config: NdtConfig,
+    pub(super) config: NdtConfig,
     cells_per_metre: f32,
     layers: u32,
-    side_shift: u32,
-    directory: &'m mut [DirectoryEntry],
-    tiles: &'m mut [NdtTile],
+    pub(super) side_shift: u32,
+    pub(super) directory: &'m mut [DirectoryEntry],
+    pub(super) tiles: &'m mut [NdtTile],
     /// Tiles ever taken from the pool, tile 0 included.
-    taken: u16,
+    pub(super) taken: u16,
     /// Head of the list of tiles given back; 0 ends it.
     free: u16,
     used: u16,
     /// Tiles forgotten so far.
     evicted: u32,
+    /// Only tiles in it are written to.
+    pub(super) bounds: Option<Region>,
 }
 
 /// Where a point falls in one layer.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
-    slot: u32,
-    key: u32,
+    pub(super) slot: u32,
+    pub(super) key: u32,
     cell: u32,
 }
 
@@ -125,6 +128,7 @@ impl<'m> NdtGrid<'m> {
             free: 0,
             used: 0,
             evicted: 0,
+            bounds: None,
         })
     }
 
@@ -151,9 +155,19 @@ impl<'m> NdtGrid<'m> {
         self.layers
     }
 
+    /// Tiles along each direction that can be told apart.
+    pub fn side(&self) -> usize {
+        1 << self.side_shift
+    }
+
     /// Tiles in use.
     pub fn tiles_used(&self) -> usize {
         usize::from(self.used)
+    }
+
+    /// Tiles that can be in use at once.
+    pub fn tiles_max(&self) -> usize {
+        self.tiles.len() - 1
     }
 
     /// Adds `points` (robot frame) seen from `map_from_robot`.
@@ -192,9 +206,8 @@ impl<'m> NdtGrid<'m> {
         let (column, row) = (floor(u), floor(v));
         let place = self.place(column, row, layer);
         let index = if sign > 0 { self.tile_for(place, robot) } else { self.tile_at(place) };
-        let shift = layer_shift(layer);
         let (left, low) = (column as f32, row as f32);
-        let centre = Point2::new(left + 0.5 - shift.x, low + 0.5 - shift.y) * self.config.cell_size_m;
+        let centre = self.centre_of(column, row, layer);
         let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return false };
         let (Some(sums), Some(gaussian)) =
             (tile.sums.get_mut(place.cell as usize), tile.gaussians.get_mut(place.cell as usize))
@@ -212,6 +225,12 @@ impl<'m> NdtGrid<'m> {
             self.give_back(place, index);
         }
         true
+    }
+
+    /// Centre of a cell of one layer, m.
+    pub(super) fn centre_of(&self, column: i32, row: i32, layer: u32) -> Point2 {
+        let shift = layer_shift(layer);
+        Point2::new(column as f32 + 0.5 - shift.x, row as f32 + 0.5 - shift.y) * self.config.cell_size_m
     }
 
     /// A point in units of cells, for one layer.
@@ -241,9 +260,16 @@ impl<'m> NdtGrid<'m> {
         }
     }
 
+    /// The first cell of a tile; `None` if there is no such layer.
+    pub(super) fn first_cell(&self, tile: TileAddress) -> Option<Place> {
+        let [column, row] = [tile.column, tile.row].map(|index| i32::from(index) << TILE_SHIFT);
+        let layer = u32::from(tile.layer);
+        (layer < self.layers).then(|| self.place(column, row, layer))
+    }
+
     /// The tile that holds `place`; the empty tile 0 if there is none.
     #[inline(always)]
-    fn tile_at(&self, place: Place) -> u16 {
+    pub(super) fn tile_at(&self, place: Place) -> u16 {
         match self.directory.get(place.slot as usize) {
             Some(entry) if entry.key == place.key => entry.tile,
             _ => 0,
@@ -260,8 +286,12 @@ impl<'m> NdtGrid<'m> {
     }
 
     /// The tile that holds `place`, which takes the memory of a farther one if there is no other; 0 if there is none.
-    fn tile_for(&mut self, place: Place, robot: Point2) -> u16 {
+    pub(super) fn tile_for(&mut self, place: Place, robot: Point2) -> u16 {
         let Some(entry) = self.directory.get(place.slot as usize).copied() else { return 0 };
+        let tile = TileAddress { layer: 0, column: column_of(place.key), row: row_of(place.key) };
+        if self.bounds.is_some_and(|bounds| !bounds.contains(tile)) {
+            return 0;
+        }
         if entry.tile != 0 && entry.key == place.key {
             return entry.tile;
         }
@@ -309,8 +339,8 @@ impl<'m> NdtGrid<'m> {
     fn distance_to(&self, slot: u32, key: u32, robot: Point2) -> f32 {
         let shift = layer_shift(slot >> (2 * self.side_shift));
         let side = TILE_CELLS as f32;
-        let x = (f32::from(key as u16 as i16) + 0.5) * side - shift.x - robot.x * self.cells_per_metre;
-        let y = (f32::from((key >> 16) as u16 as i16) + 0.5) * side - shift.y - robot.y * self.cells_per_metre;
+        let x = (f32::from(column_of(key)) + 0.5) * side - shift.x - robot.x * self.cells_per_metre;
+        let y = (f32::from(row_of(key)) + 0.5) * side - shift.y - robot.y * self.cells_per_metre;
         x * x + y * y
     }
 
@@ -327,7 +357,7 @@ impl<'m> NdtGrid<'m> {
         index
     }
 
-    fn give_back(&mut self, place: Place, index: u16) {
+    pub(super) fn give_back(&mut self, place: Place, index: u16) {
         if let (Some(tile), Some(entry)) =
             (self.tiles.get_mut(usize::from(index)), self.directory.get_mut(place.slot as usize))
         {
@@ -337,6 +367,16 @@ impl<'m> NdtGrid<'m> {
             self.used -= 1;
         }
     }
+}
+
+/// Column of the tile that a directory's key names.
+pub(super) fn column_of(key: u32) -> i16 {
+    key as u16 as i16
+}
+
+/// Its row.
+pub(super) fn row_of(key: u32) -> i16 {
+    (key >> 16) as u16 as i16
 }
 
 #[inline(always)]

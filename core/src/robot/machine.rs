@@ -2,26 +2,23 @@
 
 use core::fmt::Write as _;
 
-use super::config::RobotConfig;
+use super::exchange::Exchange;
 use super::laser::Laser;
 use super::mapping::{Mapped, Mapping, MappingMemory};
 use super::pools::{RobotMemory, TILE_SIDE};
 use super::report::MapReport;
 use super::sweep_report::SweepReport;
 use crate::lrf::driver::{Event, Input as LaserInput, NEVER, Output};
+use crate::ndt::InsertReport;
 use crate::scan::{Beam, RangeScan};
 use crate::slam::ScanCapacityError;
 use crate::sweep::Sweep;
-use crate::time::{Duration, Instant};
-use crate::wire::frame::MAX_FRAME;
-use crate::wire::message::{Capacities, FromRobot, Health, Identity, PARTICLES_MAX, ScanPose, Status, ToRobot};
-use crate::wire::session::{Received, Session};
+use crate::time::Instant;
+use crate::wire::message::{Capacities, Health, PARTICLES_MAX, ScanPose, Status};
+use crate::wire::session::{Session, SessionMemory};
 
-/// From one status to the next.
-const STATUS_EVERY: Duration = Duration::from_millis(250);
-/// From a request to start anew to doing so: its acknowledgement goes out first, or the host would ask the next life again. Long enough
-/// for the host to ask once more if it was lost.
-const RESTART_AFTER: Duration = Duration::from_millis(1000);
+/// Messages that the host may send ahead: most of them are pages of 150 bytes.
+const CREDIT: u16 = 8;
 /// Poses and words that wait for room in the queue.
 const POSES: usize = 16;
 
@@ -65,25 +62,25 @@ pub trait Ports {
 /// The robot; see the [module](super).
 #[derive(Debug)]
 pub struct Robot<'m> {
-    board: &'static str,
-    capacities: Capacities,
-    link: Session<'m>,
-    work: Work<'m>,
-    map_report: MapReport<'m>,
-    sweep_report: SweepReport,
-    owes_identity: bool,
-    answer: Option<Answer>,
-    poses: heapless::Deque<ScanPose, POSES>,
-    said: heapless::Deque<heapless::String<96>, 4>,
-    status: Status,
-    status_at: Instant,
-    laser_connected: bool,
-    restart_at: Instant,
+    pub(super) board: &'static str,
+    pub(super) capacities: Capacities,
+    pub(super) link: Session<'m>,
+    pub(super) work: Work<'m>,
+    pub(super) map_report: MapReport<'m>,
+    pub(super) sweep_report: SweepReport,
+    pub(super) owes_identity: bool,
+    pub(super) answer: Option<Answer>,
+    pub(super) poses: heapless::Deque<ScanPose, POSES>,
+    pub(super) said: heapless::Deque<heapless::String<96>, 4>,
+    pub(super) status: Status,
+    pub(super) status_at: Instant,
+    pub(super) laser_connected: bool,
+    pub(super) restart_at: Instant,
 }
 
 /// To a request.
 #[derive(Debug, Clone)]
-enum Answer {
+pub(super) enum Answer {
     Configured,
     Refused(heapless::String<96>),
 }
@@ -91,7 +88,7 @@ enum Answer {
 #[derive(Debug)]
 // Either exists for all of a robot's life.
 #[allow(clippy::large_enum_variant)]
-enum Work<'m> {
+pub(super) enum Work<'m> {
     /// For a configuration.
     Waiting(Idle<'m>),
     Mapping(Running<'m>),
@@ -100,17 +97,18 @@ enum Work<'m> {
 }
 
 #[derive(Debug)]
-struct Idle<'m> {
-    mapping: MappingMemory<'m>,
-    telegram: &'m mut [u8],
-    beams: &'m mut [Beam],
+pub(super) struct Idle<'m> {
+    pub(super) mapping: MappingMemory<'m>,
+    pub(super) telegram: &'m mut [u8],
+    pub(super) beams: &'m mut [Beam],
 }
 
 #[derive(Debug)]
-struct Running<'m> {
-    laser: Laser<'m>,
-    laser_deadline: Instant,
-    mapping: Mapping<'m>,
+pub(super) struct Running<'m> {
+    pub(super) laser: Laser<'m>,
+    pub(super) laser_deadline: Instant,
+    pub(super) mapping: Mapping<'m>,
+    pub(super) exchange: Exchange,
 }
 
 impl<'m> Robot<'m> {
@@ -131,7 +129,7 @@ impl<'m> Robot<'m> {
         Self {
             board,
             capacities,
-            link: Session::new(epoch, None, link),
+            link: new_session(epoch, link),
             work: Work::Waiting(Idle { mapping, telegram, beams }),
             map_report: MapReport::new(ledger),
             sweep_report: SweepReport::default(),
@@ -207,7 +205,7 @@ impl<'m> Robot<'m> {
         }
     }
 
-    fn give_laser(&mut self, now: Instant, input: LaserInput<'_>, ports: &mut impl Ports) {
+    pub(super) fn give_laser(&mut self, now: Instant, input: LaserInput<'_>, ports: &mut impl Ports) {
         if let Work::Mapping(running) = &mut self.work {
             let _ = running.laser.driver().handle_input(now, input);
             self.drain_laser(ports);
@@ -219,7 +217,7 @@ impl<'m> Robot<'m> {
         else {
             return;
         };
-        let Running { laser, laser_deadline, mapping } = running;
+        let Running { laser, laser_deadline, mapping, exchange } = running;
         let driver = laser.driver();
         loop {
             match driver.poll_output() {
@@ -233,6 +231,7 @@ impl<'m> Robot<'m> {
                     let Ok(mapped) = map_scan(mapping, &scan, status) else { continue };
                     if mapped.report.filter.is_some() {
                         map_report.map_changed();
+                        exchange.drive(mapping);
                     }
                     let config = mapping.config();
                     let motion = mapped.report.odometry.motion;
@@ -256,132 +255,13 @@ impl<'m> Robot<'m> {
         let counters = driver.counters();
         (status.damaged, status.restarts) = (counters.damaged, counters.restarts);
     }
-
-    fn take_link(&mut self, now: Instant, bytes: &[u8], ports: &mut impl Ports) {
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            let (taken, received) = self.link.take(now, rest);
-            let request = match received {
-                Some(Received::Reliable(message)) => postcard::from_bytes::<ToRobot>(message).ok(),
-                Some(Received::NewPeer { .. }) => {
-                    self.owes_identity = true;
-                    self.status_at = now;
-                    self.map_report.forget();
-                    self.sweep_report.forget();
-                    None
-                }
-                _ => None,
-            };
-            rest = rest.get(taken..).unwrap_or_default();
-            match request {
-                Some(ToRobot::Configure(config)) => self.configure(now, &config, ports),
-                Some(ToRobot::Stop) => self.stop(now, ports),
-                Some(ToRobot::Restart) => self.restart_at = now + RESTART_AFTER,
-                None => {}
-            }
-        }
-    }
-
-    fn configure(&mut self, now: Instant, config: &RobotConfig, ports: &mut impl Ports) {
-        if let Some(mapping) = self.mapping() {
-            let is_same = mapping.config() == config;
-            self.answer = Some(if is_same { Answer::Configured } else { refused("running; restart it first") });
-            return;
-        }
-        if let Some(field) = config.out_of_bounds() {
-            self.answer = Some(refused(format_args!("{field} is out of its bounds")));
-            return;
-        }
-        let Work::Waiting(idle) = core::mem::replace(&mut self.work, Work::Nothing) else { return };
-        let mapping = match Mapping::new(config, idle.mapping) {
-            Ok(mapping) => mapping,
-            Err(error) => {
-                // Its memory is gone with it; a configuration that does not fit needs a restart.
-                self.answer = Some(refused(error));
-                return;
-            }
-        };
-        let laser = Laser::new(&config.laser, idle.telegram, idle.beams);
-        self.work = Work::Mapping(Running { laser, laser_deadline: NEVER, mapping });
-        self.answer = Some(Answer::Configured);
-        if self.laser_connected {
-            self.give_laser(now, LaserInput::Connected, ports);
-        }
-    }
-
-    fn stop(&mut self, now: Instant, ports: &mut impl Ports) {
-        match &self.work {
-            Work::Mapping(_) => self.give_laser(now, LaserInput::Stop, ports),
-            Work::Waiting(_) | Work::Nothing => self.answer = Some(refused("not configured")),
-        }
-    }
-
-    /// Queues what there is to say, most important first, and sends what the port has room for.
-    fn tell_host(&mut self, now: Instant, ports: &mut impl Ports) {
-        // Who comes now is to meet the robot that it will be.
-        if self.restart_at == NEVER {
-            let _ = self.queue_messages();
-        }
-        if self.link.is_live() && now >= self.status_at {
-            self.status_at = now + STATUS_EVERY;
-            self.link.send_latest(&Status { now, health: ports.health(), ..self.status });
-        }
-        let mut memory = [0; MAX_FRAME];
-        while ports.link_room() >= MAX_FRAME {
-            let Some(frame) = self.link.poll_transmit(now, &mut memory) else { break };
-            ports.send_to_host(frame);
-        }
-    }
-
-    /// As far as there is room; what is left waits.
-    fn queue_messages(&mut self) -> Result<(), crate::wire::session::QueueFullError> {
-        let link = &mut self.link;
-        let mapping = match &mut self.work {
-            Work::Mapping(running) => Some(&mut running.mapping),
-            Work::Waiting(_) | Work::Nothing => None,
-        };
-        if self.owes_identity {
-            let (board, capacities, is_configured) = (self.board, self.capacities, mapping.is_some());
-            link.send(&FromRobot::Identity(Identity { board, is_configured, capacities }))?;
-            self.owes_identity = false;
-        }
-        if let Some(answer) = &self.answer {
-            match answer {
-                Answer::Configured => link.send(&FromRobot::Configured)?,
-                Answer::Refused(reason) => link.send(&FromRobot::Refused(reason))?,
-            };
-            self.answer = None;
-        }
-        while let Some(words) = self.said.front() {
-            link.send(&FromRobot::Said(words))?;
-            let _ = self.said.pop_front();
-        }
-        let Some(mapping) = mapping else { return Ok(()) };
-        if let Some(segment) = mapping.segment() {
-            link.send(&FromRobot::Segment(segment))?;
-            mapping.segment_told();
-        }
-        while let Some(pose) = self.poses.front() {
-            link.send(&FromRobot::Scan(*pose))?;
-            let _ = self.poses.pop_front();
-        }
-        // A tile that nobody is there for would only be old when somebody comes.
-        if link.is_live() {
-            self.map_report.run(mapping, link);
-        }
-        Ok(())
-    }
-}
-
-fn refused(reason: impl core::fmt::Display) -> Answer {
-    let mut text = heapless::String::new();
-    let _ = write!(text, "{reason}");
-    Answer::Refused(text)
 }
 
 fn map_scan(mapping: &mut Mapping<'_>, scan: &RangeScan<'_>, status: &mut Status) -> Result<Mapped, ScanCapacityError> {
     let mapped =
         mapping.add_scan(scan).inspect_err(|_| status.refused_scans = status.refused_scans.saturating_add(1))?;
+    let InsertReport { evicted, .. } = mapped.report.odometry.inserted;
+    status.tiles_forgotten = status.tiles_forgotten.saturating_add(evicted);
     status.scans = status.scans.saturating_add(1);
     status.steps = mapping.steps();
     status.map_from_robot = mapped.report.map_from_robot;
@@ -392,6 +272,13 @@ fn map_scan(mapping: &mut Mapping<'_>, scan: &RangeScan<'_>, status: &mut Status
         status.dropped_particles = status.dropped_particles.saturating_add(filter.dropped as u32);
     }
     Ok(mapped)
+}
+
+/// A session that takes no more at once than a microcontroller's buffer holds while a scan is mapped.
+fn new_session(epoch: u32, memory: SessionMemory<'_>) -> Session<'_> {
+    let mut session = Session::new(epoch, None, memory);
+    session.set_credit(CREDIT);
+    session
 }
 
 /// What the laser does, in words for the host; when it says more than fits, the oldest goes.

@@ -2,10 +2,10 @@
 
 use super::config::RobotConfig;
 use super::pools::TILE_SIDE;
-use crate::distributed_map::Window;
+use crate::distributed_map::{DistributedMap, Window};
 use crate::laser_odometry::{LaserOdometry, OdometryMemory};
 use crate::low_slam::{LowSlam, LowSlamMemory, LowSlamMemoryError, Weighing};
-use crate::ndt::NdtMemoryError;
+use crate::ndt::{NdtGrid, NdtMemoryError};
 use crate::particles::{Particle, Sample};
 use crate::random::RandomStream;
 use crate::scan::RangeScan;
@@ -114,6 +114,11 @@ impl<'m> Mapping<'m> {
     /// The SLAM itself.
     pub fn slam(&self) -> &Slam<'m, TILE_SIDE> {
         &self.slam
+    }
+
+    /// The particles' map and the matcher's reference, to let go and take back tiles.
+    pub(super) fn maps_mut(&mut self) -> (&mut DistributedMap<'m, TILE_SIDE>, &mut NdtGrid<'m>) {
+        self.slam.maps_mut()
     }
 
     /// Maps a scan.

@@ -11,11 +11,14 @@
 //! [`RobotPools`] holds all of it, is all zero at first, and costs no flash as a static.
 
 mod config;
+mod exchange;
 mod laser;
 mod machine;
 mod mapping;
+mod paging;
 mod pools;
 mod report;
+mod requests;
 mod sweep_report;
 
 pub use config::{LaserConfig, LaserFamily, RobotConfig};

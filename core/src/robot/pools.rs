@@ -18,8 +18,6 @@ pub const TILE_SIDE: usize = 8;
 const TELEGRAM: usize = 2304;
 /// Members of the widest search, that of a robot that is lost.
 const POPULATION: usize = 100;
-/// Tiles of the matcher's reference that can be told apart, in one plane.
-const NDT_DIRECTORY: usize = 256;
 
 /// Memory that a [`Robot`](super::Robot) works in, lent by the caller.
 #[derive(Debug)]
@@ -38,8 +36,8 @@ pub struct RobotMemory<'m> {
 
 /// Pools of a robot as arrays; all zero, so that a static of it costs no flash.
 ///
-/// The parameters are the numbers of map tiles, map tiles about the robot (4ⁿ), particles, nodes (twice as many), beams, cells' tiles, and
-/// bytes that wait for the host.
+/// The parameters are the numbers of map tiles, map tiles about the robot (4ⁿ), particles, nodes (twice as many), beams, cells' tiles, places about
+/// the robot at which those can be (4ⁿ; four times as many for overlapping grids), and bytes that wait for the host.
 #[derive(Debug)]
 pub struct RobotPools<
     const TILES: usize,
@@ -48,10 +46,11 @@ pub struct RobotPools<
     const NODES: usize,
     const BEAMS: usize,
     const NDT_TILES: usize,
+    const NDT_PLACES: usize,
     const QUEUE: usize,
 > {
     slam: LowSlamPools<TILE_SIDE, TILES, WINDOW, PARTICLES, NODES, PARTICLES, BEAMS, WINDOW>,
-    ndt_directory: [DirectoryEntry; NDT_DIRECTORY],
+    ndt_directory: [DirectoryEntry; NDT_PLACES],
     ndt_tiles: [NdtTile; NDT_TILES],
     population: [Member<3>; POPULATION],
     points: [Point2; BEAMS],
@@ -64,13 +63,13 @@ pub struct RobotPools<
 }
 
 /// 32 particles at 8 m within 512 KiB of RAM, stack and buffers included: a Cortex-M7 such as the STM32H743.
-pub type StandardPools = RobotPools<1792, 1024, 32, 64, 682, 180, 16384>;
+pub type StandardPools = RobotPools<1792, 1024, 32, 64, 682, 180, 256, 16384>;
 
 /// 12 particles at 4 m within 192 KiB: a Cortex-M4F such as the STM32F405.
-pub type CompactPools = RobotPools<448, 256, 12, 24, 384, 74, 6144>;
+pub type CompactPools = RobotPools<448, 256, 12, 24, 384, 74, 256, 6144>;
 
 /// 64 particles at 8 m, and minutes that a host may be away: a robot with a Linux computer.
-pub type LargePools = RobotPools<16384, 1024, 64, 128, 682, 256, 1_048_576>;
+pub type LargePools = RobotPools<16384, 1024, 64, 128, 682, 4096, 4096, 1_048_576>;
 
 impl<
     const TILES: usize,
@@ -79,13 +78,14 @@ impl<
     const NODES: usize,
     const BEAMS: usize,
     const NDT_TILES: usize,
+    const NDT_PLACES: usize,
     const QUEUE: usize,
-> RobotPools<TILES, WINDOW, PARTICLES, NODES, BEAMS, NDT_TILES, QUEUE>
+> RobotPools<TILES, WINDOW, PARTICLES, NODES, BEAMS, NDT_TILES, NDT_PLACES, QUEUE>
 {
     /// Pools that nobody uses yet.
     pub const EMPTY: Self = Self {
         slam: LowSlamPools::EMPTY,
-        ndt_directory: [DirectoryEntry::EMPTY; NDT_DIRECTORY],
+        ndt_directory: [DirectoryEntry::EMPTY; NDT_PLACES],
         ndt_tiles: [NdtTile::EMPTY; NDT_TILES],
         population: [Member::EMPTY; POPULATION],
         points: [Point2::new(0.0, 0.0); BEAMS],

@@ -4,7 +4,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 
 use super::mapping::Mapping;
 use super::pools::TILE_SIDE;
-use crate::distributed_map::{Tile, TilePlace};
+use crate::distributed_map::TilePlace;
 use crate::geometry::Point2;
 use crate::wire::message::{FromRobot, TileUpdate};
 use crate::wire::session::{QueueFullError, Session};
@@ -98,6 +98,7 @@ impl<'m> MapReport<'m> {
         let tile_m = TILE_SIDE as f32 * filter.map().square_size_m();
         let centre = best.map_from_robot.position() * (1.0 / tile_m);
         let mut visited = [false; PLACES];
+        let mut memory = [0; TILE_BYTES];
         for (place, tile) in filter.map().tiles_seen_from(filter.ancestry(), best.node) {
             if !is_near(place, centre, half) {
                 continue;
@@ -105,10 +106,10 @@ impl<'m> MapReport<'m> {
             let slot = self.slot(place);
             let Some(first_visit) = visited.get_mut(slot).filter(|visited| !**visited) else { continue };
             *first_visit = true;
-            let bytes = bytes_of(tile);
-            let entry = LedgerEntry { place, crc: CRC32.checksum(&bytes) };
+            let Some(bytes) = tile.to_bytes(&mut memory) else { continue };
+            let entry = LedgerEntry { place, crc: CRC32.checksum(bytes) };
             if self.ledger.get(slot).is_some_and(|known| *known != entry) {
-                tell(place, &bytes, link)?;
+                tell(place, bytes, link)?;
                 self.ledger.get_mut(slot).into_iter().for_each(|known| *known = entry);
             }
         }
@@ -125,12 +126,13 @@ impl<'m> MapReport<'m> {
         let filter = mapping.slam().filter();
         let leaf = mapping.best().map(|best| best.node).unwrap_or_default();
         let tiles = || filter.map().tiles_seen_from(filter.ancestry(), leaf);
+        let mut memory = [0; TILE_BYTES];
         for (index, (place, tile)) in tiles().enumerate().skip(from) {
             self.task = Task::Whole { from: index, told };
             // The one seen is the first at its place.
             let is_seen = !tiles().take(index).any(|(other, _)| other == place);
-            if is_seen {
-                tell(place, &bytes_of(tile), link)?;
+            if let Some(bytes) = tile.to_bytes(&mut memory).filter(|_| is_seen) {
+                tell(place, bytes, link)?;
                 told += 1;
             }
         }
@@ -147,14 +149,6 @@ impl<'m> MapReport<'m> {
 fn is_near(place: TilePlace, centre: Point2, half: f32) -> bool {
     let distance = |index: i16, centre: f32| (f32::from(index) + 0.5 - centre).abs();
     distance(place.column, centre.x) < half && distance(place.row, centre.y) < half
-}
-
-fn bytes_of(tile: &Tile<TILE_SIDE>) -> [u8; TILE_BYTES] {
-    let mut bytes = [0; TILE_BYTES];
-    for (pair, square) in bytes.chunks_exact_mut(2).zip(tile.rows().iter().flatten()) {
-        pair.copy_from_slice(&[square.hits(), square.distance()]);
-    }
-    bytes
 }
 
 fn tell(place: TilePlace, squares: &[u8], link: &mut Session<'_>) -> Result<(), QueueFullError> {

@@ -121,6 +121,11 @@ impl<'m> Session<'m> {
         self.conversation.queue.base() == self.conversation.queue.end()
     }
 
+    /// True if the other end has the reliable message with this number.
+    pub fn is_acknowledged(&self, number: u32) -> bool {
+        self.conversation.queue.base().wrapping_sub(number) as i32 > 0
+    }
+
     /// Bytes that the queue has for reliable messages.
     pub fn queue_capacity(&self) -> usize {
         self.conversation.queue.capacity()

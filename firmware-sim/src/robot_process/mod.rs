@@ -60,8 +60,9 @@ impl<
     const NODES: usize,
     const BEAMS: usize,
     const NDT_TILES: usize,
+    const NDT_PLACES: usize,
     const QUEUE: usize,
-> Memory for RobotPools<TILES, WINDOW, PARTICLES, NODES, BEAMS, NDT_TILES, QUEUE>
+> Memory for RobotPools<TILES, WINDOW, PARTICLES, NODES, BEAMS, NDT_TILES, NDT_PLACES, QUEUE>
 {
     fn boxed() -> Box<Self> {
         Box::new(Self::EMPTY)

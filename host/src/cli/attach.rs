@@ -126,7 +126,7 @@ pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
     }
     let mut link = RobotLink::new(&args.port, args.baud, client);
     while !stop.load(Ordering::Relaxed) && !book.is_enough() {
-        link.serve(LISTEN, &mut |event| book.take(event));
+        serve(&mut link, &mut book);
         book.tell_now_and_then();
     }
     if !args.keep_running {
@@ -142,6 +142,14 @@ fn this_epoch() -> u32 {
     (SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_millis() / 16) as u32
 }
 
+/// Listens, and gives the robot what it asks for.
+fn serve(link: &mut RobotLink<'_>, book: &mut Book<'_>) {
+    link.serve(LISTEN, &mut |event| book.take(event));
+    if let Some(run) = &book.run {
+        link.client().give_back(run.map().pages());
+    }
+}
+
 /// Stops the robot, waits for the whole of its map, and lets it go.
 fn end(link: &mut RobotLink<'_>, book: &mut Book<'_>) {
     if book.run.is_none() || link.client().ask(&ToRobot::Stop).is_err() {
@@ -149,7 +157,7 @@ fn end(link: &mut RobotLink<'_>, book: &mut Book<'_>) {
     }
     let mut heard = (book.messages, WallInstant::now());
     while !book.run.as_ref().is_some_and(|run| run.map().is_complete()) {
-        link.serve(LISTEN, &mut |event| book.take(event));
+        serve(link, book);
         if book.messages != heard.0 {
             heard = (book.messages, WallInstant::now());
         }

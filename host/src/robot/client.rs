@@ -3,11 +3,15 @@
 use lrfslam_core::robot::RobotConfig;
 use lrfslam_core::time::Instant;
 use lrfslam_core::wire::frame::MAX_FRAME;
-use lrfslam_core::wire::message::{Capacities, FromRobot, Status, ToRobot};
+use lrfslam_core::wire::message::{Capacities, FromRobot, Recall, Status, ToRobot};
 use lrfslam_core::wire::session::{Progress, QueueFullError, Received, Session, SessionMemory};
 
-/// Bytes of requests that wait for the robot.
-const QUEUE: usize = 4096;
+use super::pages::Pages;
+
+/// Bytes of requests and pages that wait for the robot: more than all pages that its window can ask for at once.
+const QUEUE: usize = 1 << 20;
+/// Bytes that a page takes in the queue besides its own, at most.
+const PAGE_OVERHEAD: usize = 24;
 /// A robot's window reaches so much farther to each side than its beams: particles apart from one another, and tiles cut at the window's edge.
 const WINDOW_MARGIN_M: f32 = 2.4;
 
@@ -70,6 +74,8 @@ impl<'a> Told<'a> {
 pub struct RobotClient<'m> {
     config: Option<RobotConfig>,
     session: Session<'m>,
+    /// What the robot has asked for and not been given yet.
+    recalls: Vec<Recall>,
 }
 
 impl<'m> RobotClient<'m> {
@@ -78,7 +84,7 @@ impl<'m> RobotClient<'m> {
     /// * `epoch` — another number than that of the last run; `resume` — how far that one had come
     pub fn new(config: &RobotConfig, epoch: u32, resume: Option<Progress>, memory: &'m mut ClientMemory) -> Self {
         let memory = SessionMemory { queue: &mut memory.queue, frame: &mut memory.frame };
-        Self { config: Some(*config), session: Session::new(epoch, resume, memory) }
+        Self { config: Some(*config), session: Session::new(epoch, resume, memory), recalls: Vec::new() }
     }
 
     /// The session below.
@@ -99,8 +105,24 @@ impl<'m> RobotClient<'m> {
     ///
     /// # Errors
     /// If too many requests wait already.
-    pub fn ask(&mut self, request: &ToRobot) -> Result<(), QueueFullError> {
+    pub fn ask(&mut self, request: &ToRobot<'_>) -> Result<(), QueueFullError> {
         self.session.send(request).map(|_| ())
+    }
+
+    /// Gives the robot what it has asked for; to be called after [`take`](Self::take). `pages` — all that it has left here.
+    pub fn give_back(&mut self, pages: &Pages) {
+        while let Some(recall) = self.recalls.first() {
+            let bytes: usize = pages.asked_for(recall).map(|page| page.bytes.len() + PAGE_OVERHEAD).sum();
+            if self.session.queue_room() < bytes + PAGE_OVERHEAD {
+                return;
+            }
+            // There is room for all.
+            for page in pages.asked_for(recall) {
+                let _ = self.session.send(&ToRobot::Page(page));
+            }
+            let _ = self.session.send(&ToRobot::Recalled(*recall));
+            self.recalls.remove(0);
+        }
     }
 
     /// Takes bytes, and gives what they say to `sink`. A robot that introduces itself is configured.
@@ -116,15 +138,20 @@ impl<'m> RobotClient<'m> {
                     // Only one whose epoch was known has come through.
                     let at = before.unwrap_or(Progress { epoch: 0, next: 0 });
                     let told = Told { at, bytes };
-                    if let Some(FromRobot::Identity(identity)) = told.message() {
-                        introduced = Some(identity.capacities);
+                    match told.message() {
+                        Some(FromRobot::Identity(identity)) => introduced = Some(identity.capacities),
+                        Some(FromRobot::Recall(recall)) => self.recalls.push(recall),
+                        _ => {}
                     }
                     sink(RobotEvent::Message(told));
                 }
                 Some(Received::Latest(message)) => {
                     postcard::from_bytes(message).into_iter().for_each(|status| sink(RobotEvent::Status(status)));
                 }
-                Some(Received::NewPeer { .. }) => sink(RobotEvent::NewRobot),
+                Some(Received::NewPeer { .. }) => {
+                    self.recalls.clear();
+                    sink(RobotEvent::NewRobot);
+                }
                 Some(Received::OtherVersion(version)) => sink(RobotEvent::OtherVersion(version)),
                 None => {}
             }

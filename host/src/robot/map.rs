@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::grid::CellIndex;
 use lrfslam_core::slam::ScanCapacityError;
-use lrfslam_core::wire::message::{Capacities, FromRobot, ScanPose, Segment, TileUpdate};
+use lrfslam_core::wire::message::{Capacities, FromRobot, Page, PagedMap, ScanPose, Segment, TileUpdate};
 
+use super::pages::Pages;
 use crate::high_slam::Correction;
 use crate::map_run::LowLevel;
 use crate::mapper::MatchCounts;
@@ -24,6 +25,9 @@ pub struct RobotMap {
     segments: Vec<Segment>,
     scans: Vec<ScanPose>,
     tiles: Tiles,
+    pages: Pages,
+    /// Tiles told since the robot began to tell the whole map.
+    told: u32,
     is_complete: bool,
 }
 
@@ -57,17 +61,33 @@ impl RobotMap {
             FromRobot::Segment(segment) => self.segments.push(segment.clone()),
             FromRobot::Scan(scan) => self.scans.push(*scan),
             FromRobot::Tile(tile) => self.take_tile(tile),
-            FromRobot::MapBegin => {
-                self.tiles.clear();
-                self.is_complete = false;
-            }
-            FromRobot::MapEnd(tiles) => self.is_complete = self.tiles.len() == *tiles as usize,
-            FromRobot::Configured | FromRobot::Refused(_) | FromRobot::Said(_) | FromRobot::Sweep(_) => {}
+            FromRobot::MapBegin => self.begin_whole_map(),
+            FromRobot::MapEnd(tiles) => self.is_complete = self.told == *tiles,
+            FromRobot::Left(page) => self.pages.keep(page),
+            FromRobot::Recall(_)
+            | FromRobot::Configured
+            | FromRobot::Refused(_)
+            | FromRobot::Said(_)
+            | FromRobot::Sweep(_) => {}
         }
     }
 
     fn take_tile(&mut self, tile: &TileUpdate<'_>) {
         self.tiles.insert((tile.column, tile.row), tile.squares.to_vec());
+        self.told += 1;
+    }
+
+    /// What the robot has in its memory follows; of the rest of its map only the pages are left.
+    fn begin_whole_map(&mut self) {
+        let pages = self.pages.of(PagedMap::Squares);
+        self.tiles = pages.map(|Page { address, bytes, .. }| ((address.column, address.row), bytes.to_vec())).collect();
+        self.told = 0;
+        self.is_complete = false;
+    }
+
+    /// What it has left with this host.
+    pub fn pages(&self) -> &Pages {
+        &self.pages
     }
 
     /// How the matching went, as far as the robot tells.

@@ -7,6 +7,7 @@ mod client;
 mod journal;
 mod link;
 mod map;
+mod pages;
 mod run;
 mod sweeps;
 
@@ -14,5 +15,6 @@ pub use client::{ClientMemory, RobotClient, RobotEvent, Told};
 pub use journal::{JOURNAL, Journal};
 pub use link::{LinkEvent, RobotLink};
 pub use map::{RobotMap, Tiles};
+pub use pages::Pages;
 pub use run::RobotRun;
 pub use sweeps::{Sweeps, ToldSweep};

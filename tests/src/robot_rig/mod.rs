@@ -155,7 +155,7 @@ impl<D: HostDisk> RobotRig<D> {
     }
 
     /// The host asks for something.
-    pub fn ask(&mut self, request: &ToRobot) {
+    pub fn ask(&mut self, request: &ToRobot<'_>) {
         let asked = self.host.as_mut().map(|host| host.ask(request));
         assert!(matches!(asked, Some(Ok(()))), "no host, or its queue is full");
     }
@@ -236,6 +236,9 @@ impl<D: HostDisk> RobotRig<D> {
                 RobotEvent::NewRobot => {}
                 RobotEvent::OtherVersion(version) => panic!("version {version}"),
             });
+        }
+        if let Some(life) = disk.lives.last() {
+            host.give_back(life.map.pages());
         }
         if now >= host.session().deadline() {
             host.session().timeout(now);

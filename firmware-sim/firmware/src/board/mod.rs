@@ -18,8 +18,8 @@ use lrfslam_core::wire::frame::MAX_FRAME;
 
 /// Of the laser: a scan of a URG-04LX may wait while another is mapped.
 pub type LaserPort = Port<4096, 64>;
-/// Of the host.
-pub type LinkPort = Port<1024, 2048>;
+/// Of the host: eight pages of 150 bytes, which it may send ahead, may wait while a scan is mapped.
+pub type LinkPort = Port<2048, 2048>;
 
 pub static LASER: LaserPort = Port::new();
 pub static LINK: LinkPort = Port::new();

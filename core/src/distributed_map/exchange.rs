@@ -1,0 +1,53 @@
+//! Tiles of the root leave the map and come back: for a robot whose memory is smaller than the building.
+
+use crate::ancestry::NodeId;
+
+use super::tiles::{DistributedMap, PoolFullError, Tile, TileHeader, TileId, TilePlace};
+
+/// What became of a tile that came back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Restored {
+    /// It is seen again by all who had not seen something else there since.
+    Done,
+    /// Some particle has a tile there already, which is newer; nothing has changed.
+    IsKnown,
+}
+
+impl<const SIDE: usize> DistributedMap<'_, SIDE> {
+    /// Places of the root's tiles that no particle has changed since: those that can be [let go](Self::let_go).
+    pub fn settled_places(&self) -> impl Iterator<Item = TilePlace> + '_ {
+        self.headers_taken().filter(|header| is_settled(header)).map(|header| header.place)
+    }
+
+    /// The root's tile at `place`, if no particle has changed it since.
+    pub fn settled_tile(&self, place: TilePlace) -> Option<&Tile<SIDE>> {
+        let id = self.agreed(place);
+        self.tiles.get(id.index()).filter(|_| is_settled(&self.header(id)))
+    }
+
+    /// Gives the root's tile at `place` back to the pool: the place was never seen. False if there is none, or if a particle has changed it.
+    pub fn let_go(&mut self, place: TilePlace) -> bool {
+        let id = self.agreed(place);
+        let is_settled = is_settled(&self.header(id));
+        if is_settled {
+            self.unlink(id);
+            self.give_back(id);
+        }
+        is_settled
+    }
+
+    /// Makes `tile` the root's at `place`, if no particle has one there. Cost: all headers are looked at.
+    ///
+    /// # Errors
+    /// [`PoolFullError`] if no tile is free; nothing has changed then.
+    pub fn restore(&mut self, place: TilePlace, tile: Tile<SIDE>) -> Result<Restored, PoolFullError> {
+        if self.headers_taken().any(|header| header.owner != NodeId::NONE && header.place == place) {
+            return Ok(Restored::IsKnown);
+        }
+        self.add(tile, TileId::NONE, place, NodeId::ROOT).map(|_| Restored::Done)
+    }
+}
+
+fn is_settled(header: &TileHeader) -> bool {
+    header.owner == NodeId::ROOT && header.covered_by == 0
+}

@@ -1,0 +1,183 @@
+//! The robot and its host: what it is asked, and what it says.
+
+use core::fmt::Write as _;
+
+use super::config::RobotConfig;
+use super::exchange::Exchange;
+use super::laser::Laser;
+use super::machine::{Answer, Ports, Robot, Running, Work};
+use super::mapping::Mapping;
+use super::paging::PageCounts;
+use crate::lrf::driver::{Input as LaserInput, NEVER};
+use crate::time::{Duration, Instant};
+use crate::wire::frame::MAX_FRAME;
+use crate::wire::message::{FromRobot, Health, Identity, Status, ToRobot};
+use crate::wire::session::{QueueFullError, Received};
+
+/// From one status to the next.
+const STATUS_EVERY: Duration = Duration::from_millis(250);
+/// From a request to start anew to doing so: its acknowledgement goes out first, or the host would ask the next life again. Long enough
+/// for the host to ask once more if it was lost.
+const RESTART_AFTER: Duration = Duration::from_millis(1000);
+/// What changes more than the maps' memory.
+enum Request {
+    Configure(RobotConfig),
+    Stop,
+    Restart,
+}
+
+impl Robot<'_> {
+    pub(super) fn take_link(&mut self, now: Instant, bytes: &[u8], ports: &mut impl Ports) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let (taken, received) = self.link.take(now, rest);
+            let request = match received {
+                Some(Received::Reliable(message)) => match postcard::from_bytes(message) {
+                    Ok(ToRobot::Configure(config)) => Some(Request::Configure(config)),
+                    Ok(ToRobot::Stop) => Some(Request::Stop),
+                    Ok(ToRobot::Restart) => Some(Request::Restart),
+                    Ok(ToRobot::Page(page)) => {
+                        if let Work::Mapping(Running { mapping, exchange, .. }) = &mut self.work {
+                            exchange.take(&page, mapping);
+                        }
+                        None
+                    }
+                    Ok(ToRobot::Recalled(recall)) => {
+                        if let Work::Mapping(running) = &mut self.work {
+                            running.exchange.recalled(&recall);
+                        }
+                        None
+                    }
+                    Err(_) => None,
+                },
+                Some(Received::NewPeer { .. }) => {
+                    self.owes_identity = true;
+                    self.status_at = now;
+                    self.map_report.forget();
+                    self.sweep_report.forget();
+                    if let Work::Mapping(running) = &mut self.work {
+                        running.exchange.forget_requests();
+                    }
+                    None
+                }
+                _ => None,
+            };
+            rest = rest.get(taken..).unwrap_or_default();
+            match request {
+                Some(Request::Configure(config)) => self.configure(now, &config, ports),
+                Some(Request::Stop) => self.stop(now, ports),
+                Some(Request::Restart) => self.restart_at = now + RESTART_AFTER,
+                None => {}
+            }
+        }
+    }
+
+    fn configure(&mut self, now: Instant, config: &RobotConfig, ports: &mut impl Ports) {
+        if let Some(mapping) = self.mapping() {
+            let is_same = mapping.config() == config;
+            self.answer = Some(if is_same { Answer::Configured } else { refused("running; restart it first") });
+            return;
+        }
+        if let Some(field) = config.out_of_bounds() {
+            self.answer = Some(refused(format_args!("{field} is out of its bounds")));
+            return;
+        }
+        let Work::Waiting(idle) = core::mem::replace(&mut self.work, Work::Nothing) else { return };
+        let mut mapping = match Mapping::new(config, idle.mapping) {
+            Ok(mapping) => mapping,
+            Err(error) => {
+                // Its memory is gone with it; a configuration that does not fit needs a restart.
+                self.answer = Some(refused(error));
+                return;
+            }
+        };
+        let laser = Laser::new(&config.laser, idle.telegram, idle.beams);
+        let exchange = Exchange::new(&mut mapping);
+        self.work = Work::Mapping(Running { laser, laser_deadline: NEVER, mapping, exchange });
+        self.answer = Some(Answer::Configured);
+        if self.laser_connected {
+            self.give_laser(now, LaserInput::Connected, ports);
+        }
+    }
+
+    fn stop(&mut self, now: Instant, ports: &mut impl Ports) {
+        match &self.work {
+            Work::Mapping(_) => self.give_laser(now, LaserInput::Stop, ports),
+            Work::Waiting(_) | Work::Nothing => self.answer = Some(refused("not configured")),
+        }
+    }
+
+    /// Queues what there is to say, most important first, and sends what the port has room for.
+    pub(super) fn tell_host(&mut self, now: Instant, ports: &mut impl Ports) {
+        // Who comes now is to meet the robot that it will be.
+        if self.restart_at == NEVER {
+            let _ = self.queue_messages();
+        }
+        if self.link.is_live() && now >= self.status_at {
+            self.status_at = now + STATUS_EVERY;
+            let status = self.status_now(now, ports.health());
+            self.link.send_latest(&status);
+        }
+        let mut memory = [0; MAX_FRAME];
+        while ports.link_room() >= MAX_FRAME {
+            let Some(frame) = self.link.poll_transmit(now, &mut memory) else { break };
+            ports.send_to_host(frame);
+        }
+    }
+
+    fn status_now(&self, now: Instant, health: Health) -> Status {
+        let pages = match &self.work {
+            Work::Mapping(running) => running.exchange.counts(),
+            Work::Waiting(_) | Work::Nothing => PageCounts::default(),
+        };
+        let tiles_forgotten = self.status.tiles_forgotten.saturating_add(pages.forgotten);
+        let (pages_left, pages_restored) = (pages.left, pages.restored);
+        Status { now, health, pages_left, pages_restored, tiles_forgotten, ..self.status }
+    }
+
+    /// As far as there is room; what is left waits.
+    fn queue_messages(&mut self) -> Result<(), QueueFullError> {
+        let link = &mut self.link;
+        let running = match &mut self.work {
+            Work::Mapping(running) => Some(running),
+            Work::Waiting(_) | Work::Nothing => None,
+        };
+        if self.owes_identity {
+            let (board, capacities, is_configured) = (self.board, self.capacities, running.is_some());
+            link.send(&FromRobot::Identity(Identity { board, is_configured, capacities }))?;
+            self.owes_identity = false;
+        }
+        if let Some(answer) = &self.answer {
+            match answer {
+                Answer::Configured => link.send(&FromRobot::Configured)?,
+                Answer::Refused(reason) => link.send(&FromRobot::Refused(reason))?,
+            };
+            self.answer = None;
+        }
+        while let Some(words) = self.said.front() {
+            link.send(&FromRobot::Said(words))?;
+            let _ = self.said.pop_front();
+        }
+        let Some(Running { mapping, exchange, .. }) = running else { return Ok(()) };
+        if let Some(segment) = mapping.segment() {
+            link.send(&FromRobot::Segment(segment))?;
+            mapping.segment_told();
+        }
+        while let Some(pose) = self.poses.front() {
+            link.send(&FromRobot::Scan(*pose))?;
+            let _ = self.poses.pop_front();
+        }
+        exchange.run(mapping, link)?;
+        // A tile that nobody is there for would only be old when somebody comes.
+        if link.is_live() {
+            self.map_report.run(mapping, link);
+        }
+        Ok(())
+    }
+}
+
+fn refused(reason: impl core::fmt::Display) -> Answer {
+    let mut text = heapless::String::new();
+    let _ = write!(text, "{reason}");
+    Answer::Refused(text)
+}
