@@ -32,8 +32,8 @@ const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// A map whose tiles can leave and come back.
 pub(super) trait PageStore {
-    /// Tiles that can leave.
-    fn addresses(&self) -> impl Iterator<Item = TileAddress>;
+    /// The first tile that can leave and `is_wanted`.
+    fn find(&self, is_wanted: &mut dyn FnMut(TileAddress) -> bool) -> Option<TileAddress>;
     /// Writes one into `bytes` (of [`TILE_BYTES_MAX`]); `None` if it cannot leave.
     fn bytes_of<'b>(&self, address: TileAddress, bytes: &'b mut [u8]) -> Option<&'b [u8]>;
     /// Forgets one; false if that cannot be.
@@ -45,8 +45,9 @@ pub(super) trait PageStore {
 }
 
 impl<const SIDE: usize> PageStore for DistributedMap<'_, SIDE> {
-    fn addresses(&self) -> impl Iterator<Item = TileAddress> {
-        self.settled_places().map(|TilePlace { column, row }| TileAddress { layer: 0, column, row })
+    fn find(&self, is_wanted: &mut dyn FnMut(TileAddress) -> bool) -> Option<TileAddress> {
+        let address = |TilePlace { column, row }| TileAddress { layer: 0, column, row };
+        self.settled_places().map(address).find(|address| is_wanted(*address))
     }
 
     fn bytes_of<'b>(&self, address: TileAddress, bytes: &'b mut [u8]) -> Option<&'b [u8]> {
@@ -67,8 +68,8 @@ impl<const SIDE: usize> PageStore for DistributedMap<'_, SIDE> {
 }
 
 impl PageStore for NdtGrid<'_> {
-    fn addresses(&self) -> impl Iterator<Item = TileAddress> {
-        self.addresses()
+    fn find(&self, is_wanted: &mut dyn FnMut(TileAddress) -> bool) -> Option<TileAddress> {
+        self.addresses().find(|address| is_wanted(*address))
     }
 
     fn bytes_of<'b>(&self, address: TileAddress, bytes: &'b mut [u8]) -> Option<&'b [u8]> {
@@ -183,7 +184,7 @@ impl Paging {
     }
 
     /// Takes a page back.
-    pub(super) fn take(&mut self, page: &Page<'_>, store: &mut impl PageStore) {
+    pub(super) fn take(&mut self, page: &Page<'_>, store: &mut dyn PageStore) {
         if self.square.is_some_and(|square| square.contains(page.address)) {
             match store.restore(page, self.robot) {
                 Some(Restored::Done) => self.counts.restored = self.counts.restored.saturating_add(1),
@@ -197,7 +198,7 @@ impl Paging {
     ///
     /// # Errors
     /// [`QueueFullError`] if something waits for room.
-    pub(super) fn run(&mut self, store: &mut impl PageStore, link: &mut Session<'_>) -> Result<(), QueueFullError> {
+    pub(super) fn run(&mut self, store: &mut dyn PageStore, link: &mut Session<'_>) -> Result<(), QueueFullError> {
         let Some(square) = self.square else { return Ok(()) };
         self.settle(&square, store, link);
         if !link.is_live() {
@@ -209,7 +210,7 @@ impl Paging {
             self.asked = Some(region);
         }
         while self.is_due && !self.leaving.is_full() {
-            let Some(address) = self.outside(&square, store).next() else {
+            let Some(address) = store.find(&mut |address| self.is_outside(&square, address)) else {
                 self.is_due = false;
                 break;
             };
@@ -225,7 +226,7 @@ impl Paging {
     }
 
     /// What was acknowledged, and is as it was sent, goes.
-    fn settle(&mut self, square: &Region, store: &mut impl PageStore, link: &Session<'_>) {
+    fn settle(&mut self, square: &Region, store: &mut dyn PageStore, link: &Session<'_>) {
         let Self { leaving, counts, is_due, .. } = self;
         leaving.retain(|page| {
             if !link.is_acknowledged(page.number) {
@@ -241,11 +242,14 @@ impl Paging {
         });
     }
 
-    fn forget_surplus(&mut self, square: &Region, store: &mut impl PageStore) {
+    fn forget_surplus(&mut self, square: &Region, store: &mut dyn PageStore) {
         while self.is_due {
-            let mut outside = self.outside(square, store);
-            let (first, waiting) = (outside.next(), outside.count());
-            match first.filter(|_| waiting >= store.capacity() / 8) {
+            let mut waiting = 0;
+            let surplus = store.find(&mut |address| {
+                waiting += usize::from(self.is_outside(square, address));
+                waiting > store.capacity() / 8
+            });
+            match surplus {
                 Some(address) if store.let_go(address) => {
                     self.counts.forgotten = self.counts.forgotten.saturating_add(1);
                 }
@@ -254,10 +258,9 @@ impl Paging {
         }
     }
 
-    /// Tiles outside of the square that are not on their way yet.
-    fn outside<'s>(&'s self, square: &'s Region, store: &'s impl PageStore) -> impl Iterator<Item = TileAddress> + 's {
-        let is_leaving = |address: &TileAddress| self.leaving.iter().any(|page| page.address == *address);
-        store.addresses().filter(move |address| !square.contains(*address) && !is_leaving(address))
+    /// True if it is outside of the square, and not on its way yet.
+    fn is_outside(&self, square: &Region, address: TileAddress) -> bool {
+        !square.contains(address) && self.leaving.iter().all(|page| page.address != address)
     }
 }
 
