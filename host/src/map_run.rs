@@ -11,8 +11,9 @@ use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::laser_odometry;
 use lrfslam_core::matcher::Match;
+use lrfslam_core::robot::LaserConfig;
 use lrfslam_core::scan::{Echo, RangeScan};
-use lrfslam_core::slam::{ScanCapacityError, StepReport};
+use lrfslam_core::slam::StepReport;
 use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::Instant;
 use lrfslam_core::wire::message::{FromRobot, ScanPose};
@@ -41,15 +42,12 @@ struct ScanPlace {
 
 /// What places scans.
 pub trait LowLevel {
-    /// True if it can go on in a map that the high level has corrected.
-    const CAN_BE_CORRECTED: bool;
-
-    /// Goes on in a map of nothing but the scans that `correction` names among `scans`; its [`path`](Self::path) begins anew. Does
-    /// nothing if it [cannot be corrected](Self::CAN_BE_CORRECTED).
+    /// Goes on with a map of nothing but the scans that `correction` names among `scans`; returns the pose from which the next scan will
+    /// have moved: in that map, or in a frame of its own that does not jump.
     ///
     /// # Errors
     /// If a scan has more points or beams than there is memory for.
-    fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> Result<(), ScanCapacityError>;
+    fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> anyhow::Result<Pose2>;
     /// Poses of the best particle at every step that the filter took; empty for matching alone.
     fn path(&self) -> Vec<Pose2>;
     /// True if particles correct what matching finds.
@@ -185,7 +183,7 @@ impl Run<'_, RobotMap> {
             !particles,
             "hierarchy.closing is \"particles\", expected \"graph\" with a robot that does the SLAM itself"
         );
-        Self::with(out, config, seed, None, || Ok(RobotMap::default()))
+        Self::with(out, config, seed, None, || Ok(RobotMap::new(&config.robot(seed, LaserConfig::default()))))
     }
 
     /// Takes what a robot says of path and map; a scan is placed where it says, with its beams if they were told before.
@@ -234,14 +232,12 @@ impl<'m, L: LowLevel> Run<'m, L> {
         let unusable = || format!("{}: cannot be used as output folder", out.display());
         fs::create_dir_all(out).with_context(unusable)?;
         let trajectory_file = PendingFile::create(&out.join("trajectory.tum")).with_context(unusable)?;
-        let mut high = config.high_slam();
-        high.high.feedback &= L::CAN_BE_CORRECTED;
         Ok(Self {
             config: *config,
             seed,
             out: out.to_owned(),
             low: low()?,
-            high: (config.hierarchy.levels > 1).then(|| HighSlam::new(&high, particles)),
+            high: (config.hierarchy.levels > 1).then(|| HighSlam::new(&config.high_slam(), particles)),
             map: OccupancyMap::new(config.map),
             scans: ScanStore::default(),
             drawn: Vec::new(),
@@ -263,7 +259,8 @@ impl<'m, L: LowLevel> Run<'m, L> {
     fn place(&mut self, sweep: &Sweep<'_>, low: &LowPose, place: ScanPlace, is_kept: bool) -> anyhow::Result<()> {
         if let Some(high) = &mut self.high {
             if let Some(correction) = high.add_scan(sweep, low)? {
-                self.low.correct(&correction, high.scans())?;
+                let low_pose = self.low.correct(&correction, high.scans())?;
+                high.low_goes_on_from(low_pose);
             }
         } else if is_kept {
             self.scans.add(sweep);

@@ -158,9 +158,7 @@ impl<'m> Mapper<'m> {
 }
 
 impl LowLevel for Mapper<'_> {
-    const CAN_BE_CORRECTED: bool = true;
-
-    fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> Result<(), ScanCapacityError> {
+    fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> anyhow::Result<Pose2> {
         let Correction { map_from_robot, reference } = correction;
         match &mut self.engine {
             Engine::Matcher(matcher) => matcher.restart_at(*map_from_robot),
@@ -175,7 +173,7 @@ impl LowLevel for Mapper<'_> {
             };
             self.counts.dropped_points += u64::from(dropped);
         }
-        Ok(())
+        Ok(*map_from_robot)
     }
 
     /// The best particle's own history.

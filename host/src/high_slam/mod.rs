@@ -180,9 +180,12 @@ impl<'m> HighSlam<'m> {
     fn correction(&mut self) -> Option<Correction> {
         let node = self.segments.len();
         let reference = self.changed_reference(node)?;
-        let map_from_robot = self.graph.nodes()[node].to_f32();
-        self.low = Some(map_from_robot);
-        Some(Correction { map_from_robot, reference })
+        Some(Correction { map_from_robot: self.graph.nodes()[node].to_f32(), reference })
+    }
+
+    /// The low level has taken the correction, and where it was at the last scan is this from now on.
+    pub fn low_goes_on_from(&mut self, low_pose: Pose2) {
+        self.low = Some(low_pose);
     }
 
     /// The stored scans.

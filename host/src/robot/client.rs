@@ -16,7 +16,7 @@ const PAGE_OVERHEAD: usize = 24;
 const WINDOW_MARGIN_M: f32 = 2.4;
 
 /// `config` with no more particles, and no longer beams, than the robot has memory for.
-fn fitted(config: &RobotConfig, capacities: &Capacities) -> RobotConfig {
+pub(super) fn fitted(config: &RobotConfig, capacities: &Capacities) -> RobotConfig {
     let mut config = *config;
     config.particles.particles = config.particles.particles.min(capacities.particles);
     let window_m =

@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::grid::CellIndex;
-use lrfslam_core::slam::ScanCapacityError;
+use lrfslam_core::robot::RobotConfig;
 use lrfslam_core::wire::message::{Capacities, FromRobot, Page, PagedMap, ScanPose, Segment, TileUpdate};
 
+use super::client::fitted;
 use super::pages::Pages;
+use super::render::render;
 use crate::high_slam::Correction;
 use crate::map_run::LowLevel;
 use crate::mapper::MatchCounts;
@@ -19,8 +21,9 @@ use crate::trajectory::TimedPose;
 pub type Tiles = BTreeMap<(i16, i16), Vec<u8>>;
 
 /// What a robot has told so far.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct RobotMap {
+    config: RobotConfig,
     capacities: Capacities,
     segments: Vec<Segment>,
     scans: Vec<ScanPose>,
@@ -32,11 +35,12 @@ pub struct RobotMap {
 }
 
 impl LowLevel for RobotMap {
-    /// A robot has no memory for old scans.
-    const CAN_BE_CORRECTED: bool = false;
-
-    fn correct(&mut self, _: &Correction, _: &ScanStore) -> Result<(), ScanCapacityError> {
-        Ok(())
+    /// The robot drives on in its own frame; what it left behind is put where it belongs as seen from there.
+    fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> anyhow::Result<Pose2> {
+        let frame_from_robot = self.scans.last().map_or(Pose2::IDENTITY, |scan| scan.odometry);
+        let frame_from_map = frame_from_robot * correction.map_from_robot.inverse();
+        self.pages = render(&self.config, frame_from_map, correction, scans)?;
+        Ok(frame_from_robot)
     }
 
     /// A step for each scan.
@@ -53,11 +57,34 @@ impl LowLevel for RobotMap {
     }
 }
 
+impl Default for RobotMap {
+    fn default() -> Self {
+        Self::new(&RobotConfig::default())
+    }
+}
+
 impl RobotMap {
+    /// Of a robot with this configuration that has told nothing yet.
+    pub fn new(config: &RobotConfig) -> Self {
+        Self {
+            config: *config,
+            capacities: Capacities::default(),
+            segments: Vec::new(),
+            scans: Vec::new(),
+            tiles: Tiles::new(),
+            pages: Pages::default(),
+            told: 0,
+            is_complete: false,
+        }
+    }
+
     /// Takes a message; those that say nothing about the map change nothing.
     pub fn take(&mut self, message: &FromRobot<'_>) {
         match message {
-            FromRobot::Identity(identity) => self.capacities = identity.capacities,
+            FromRobot::Identity(identity) => {
+                self.capacities = identity.capacities;
+                self.config = fitted(&self.config, &identity.capacities);
+            }
             FromRobot::Segment(segment) => self.segments.push(segment.clone()),
             FromRobot::Scan(scan) => self.scans.push(*scan),
             FromRobot::Tile(tile) => self.take_tile(tile),

@@ -8,6 +8,7 @@ mod journal;
 mod link;
 mod map;
 mod pages;
+mod render;
 mod run;
 mod sweeps;
 
