@@ -44,6 +44,17 @@ impl CellSums {
         }
     }
 
+    /// Adds another cell's points, seen at the same place.
+    pub(super) fn add(&mut self, other: &Self) {
+        self.count = self.count.saturating_add(other.points());
+        let Self { x, y, xx, xy, yy, .. } = *other;
+        for (sum, term) in
+            [(&mut self.x, x), (&mut self.y, y), (&mut self.xx, xx), (&mut self.xy, xy), (&mut self.yy, yy)]
+        {
+            *sum = sum.wrapping_add(term);
+        }
+    }
+
     /// From now on no point is added or removed, if there are `points_min`.
     pub(super) fn freeze(&mut self, points_min: u16) {
         if self.count >= u32::from(points_min) {

@@ -1,7 +1,7 @@
 //! Tiles leave the plane and come back: for a robot whose memory is smaller than the building.
 
 use super::cell::CellSums;
-use super::grid::{NdtGrid, NdtTile, TILE_AREA, TILE_CELLS, column_of, row_of};
+use super::grid::{NdtGrid, Standing, TILE_AREA, TILE_CELLS, column_of, row_of};
 use crate::distributed_map::Restored;
 use crate::geometry::Point2;
 use crate::region::{Region, TileAddress};
@@ -24,19 +24,46 @@ pub enum RestoreError {
 type Sums = [Option<CellSums>; TILE_AREA];
 
 impl NdtGrid<'_> {
-    /// From now on only points whose tiles are in `bounds` are added; others are counted as dropped.
-    pub fn keep_within(&mut self, bounds: Region) {
-        self.bounds = Some(bounds);
+    /// Somebody keeps tiles for this grid, and has none in `home` that is not here too. Tiles made outside of it are parts of what he may
+    /// have, until he gives his part or the home comes to include them.
+    pub fn set_home(&mut self, home: Region) {
+        self.home = Some(home);
+        for index in 1..self.taken {
+            let is_in = self.address_of(index).is_some_and(|address| home.contains(address));
+            if let Some(tile) =
+                self.tiles.get_mut(usize::from(index)).filter(|tile| is_in && tile.standing == Standing::Part)
+            {
+                tile.standing = Standing::Whole;
+            }
+        }
     }
 
     /// Addresses of all tiles in use, overlapping grids being layers.
     pub fn addresses(&self) -> impl Iterator<Item = TileAddress> + '_ {
-        let taken = self.tiles.iter().enumerate().take(usize::from(self.taken)).skip(1);
-        taken.filter_map(|(index, tile)| {
-            let entry = self.directory.get(tile.link as usize).filter(|entry| usize::from(entry.tile) == index)?;
-            let layer = (tile.link >> (2 * self.side_shift)) as u8;
-            Some(TileAddress { layer, column: column_of(entry.key), row: row_of(entry.key) })
-        })
+        (1..self.taken).filter_map(|index| self.address_of(index))
+    }
+
+    /// Those that are whole, and that nobody [has saved](Self::set_saved) as they are.
+    pub fn unsaved(&self) -> impl Iterator<Item = TileAddress> + '_ {
+        let is_unsaved =
+            |index: u16| self.tiles.get(usize::from(index)).is_some_and(|tile| tile.standing == Standing::Whole);
+        (1..self.taken).filter(move |index| is_unsaved(*index)).filter_map(|index| self.address_of(index))
+    }
+
+    /// Somebody has the tile as it is: nothing is lost if it is forgotten for a nearer one. False if there is none.
+    pub fn set_saved(&mut self, address: TileAddress) -> bool {
+        let Some(first) = self.first_cell(address) else { return false };
+        let index = self.tile_at(first);
+        let tile = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0);
+        tile.map(|tile| tile.standing = Standing::Saved).is_some()
+    }
+
+    /// `None` if the tile is not in use.
+    fn address_of(&self, index: u16) -> Option<TileAddress> {
+        let slot = self.tiles.get(usize::from(index))?.link;
+        let entry = self.directory.get(slot as usize).filter(|entry| entry.tile == index)?;
+        let layer = (slot >> (2 * self.side_shift)) as u8;
+        Some(TileAddress { layer, column: column_of(entry.key), row: row_of(entry.key) })
     }
 
     /// Writes a tile into `bytes` (of [`TILE_BYTES_MAX`]); `None` if there is none.
@@ -60,33 +87,36 @@ impl NdtGrid<'_> {
         index != 0
     }
 
-    /// Puts a tile back that [`tile_bytes`](Self::tile_bytes) wrote, if there is none in its place; a tile farther from `robot` (map frame, m) makes room.
+    /// Puts a tile back that [`tile_bytes`](Self::tile_bytes) wrote, and adds it to a part that is there; if a whole tile is there, nothing has changed.
+    /// A tile farther from `robot` (map frame, m) makes room.
     ///
     /// # Errors
     /// [`RestoreError`]; nothing has changed then.
     pub fn restore(&mut self, address: TileAddress, bytes: &[u8], robot: Point2) -> Result<Restored, RestoreError> {
         let first = self.first_cell(address).ok_or(RestoreError::NoTile)?;
-        if self.tile_at(first) != 0 {
+        let there = self.tiles.get(usize::from(self.tile_at(first))).map(|tile| (tile.count, tile.standing));
+        if matches!(there, Some((1.., Standing::Whole | Standing::Saved))) {
             return Ok(Restored::IsKnown);
         }
         let sums: Sums = postcard::from_bytes(bytes).map_err(|_| RestoreError::NoTile)?;
         if sums.iter().flatten().all(|sums| sums.points() == 0) {
             return Err(RestoreError::NoTile);
         }
-        let index = self.tile_for(first, robot);
         let config = self.config;
-        let mut restored = NdtTile { link: first.slot, ..NdtTile::EMPTY };
-        for (cell, sums) in sums.iter().enumerate() {
-            let Some(sums) = sums else { continue };
+        let index = self.tile_for(first, robot);
+        for (cell, restored) in sums.iter().enumerate() {
+            let Some(restored) = restored else { continue };
             let (column, row) = cell_of(address, cell);
-            if let (Some(to), Some(gaussian)) = (restored.sums.get_mut(cell), restored.gaussians.get_mut(cell)) {
-                *to = *sums;
-                *gaussian = sums.gaussian(&config, self.centre_of(column, row, u32::from(address.layer)));
-                restored.count = restored.count.saturating_add(sums.points());
+            let centre = self.centre_of(column, row, u32::from(address.layer));
+            let tile = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0).ok_or(RestoreError::NoRoom)?;
+            if let (Some(sums), Some(gaussian)) = (tile.sums.get_mut(cell), tile.gaussians.get_mut(cell)) {
+                sums.add(restored);
+                sums.fade(config.count_max);
+                *gaussian = sums.gaussian(&config, centre);
+                tile.count = tile.count.saturating_add(restored.points());
+                tile.standing = Standing::Whole;
             }
         }
-        let tile = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0).ok_or(RestoreError::NoRoom)?;
-        *tile = restored;
         Ok(Restored::Done)
     }
 }

@@ -20,14 +20,31 @@ pub struct NdtTile {
     pub(super) link: u32,
     /// Points in it.
     pub(super) count: u32,
+    pub(super) standing: Standing,
     pub(super) sums: [CellSums; TILE_AREA],
     pub(super) gaussians: [Gaussian; TILE_AREA],
 }
 
 impl NdtTile {
     /// A tile without points.
-    pub const EMPTY: Self =
-        Self { link: 0, count: 0, sums: [CellSums::EMPTY; TILE_AREA], gaussians: [Gaussian::EMPTY; TILE_AREA] };
+    pub const EMPTY: Self = Self {
+        link: 0,
+        count: 0,
+        standing: Standing::Whole,
+        sums: [CellSums::EMPTY; TILE_AREA],
+        gaussians: [Gaussian::EMPTY; TILE_AREA],
+    };
+}
+
+/// What is lost if a tile is forgotten.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Standing {
+    /// All that was seen here.
+    Whole = 0,
+    /// Nothing: somebody has it as it is.
+    Saved,
+    /// What was seen here from afar, while somebody else may have the rest.
+    Part,
 }
 
 /// Which tile holds a place of the plane. All zero when empty.
@@ -58,7 +75,7 @@ pub enum NdtMemoryError {
 pub struct InsertReport {
     /// Points that found no tile because the pool was full of nearer ones, counted once per layer.
     pub dropped: u32,
-    /// Tiles forgotten because a place nearer to the robot needed their memory, or their place in the directory.
+    /// Whole tiles forgotten because a place nearer to the robot needed their memory, or their place in the directory.
     pub evicted: u32,
 }
 
@@ -78,8 +95,8 @@ pub struct NdtGrid<'m> {
     used: u16,
     /// Tiles forgotten so far.
     evicted: u32,
-    /// Only tiles in it are written to.
-    pub(super) bounds: Option<Region>,
+    /// Tiles made outside of it are but parts.
+    pub(super) home: Option<Region>,
 }
 
 /// Where a point falls in one layer.
@@ -128,7 +145,7 @@ impl<'m> NdtGrid<'m> {
             free: 0,
             used: 0,
             evicted: 0,
-            bounds: None,
+            home: None,
         })
     }
 
@@ -221,6 +238,9 @@ impl<'m> NdtGrid<'m> {
         sums.fade(self.config.count_max);
         *gaussian = sums.gaussian(&self.config, centre);
         tile.count = tile.count.saturating_add_signed(sign);
+        if tile.standing == Standing::Saved {
+            tile.standing = Standing::Whole;
+        }
         if tile.count == 0 {
             self.give_back(place, index);
         }
@@ -288,10 +308,6 @@ impl<'m> NdtGrid<'m> {
     /// The tile that holds `place`, which takes the memory of a farther one if there is no other; 0 if there is none.
     pub(super) fn tile_for(&mut self, place: Place, robot: Point2) -> u16 {
         let Some(entry) = self.directory.get(place.slot as usize).copied() else { return 0 };
-        let tile = TileAddress { layer: 0, column: column_of(place.key), row: row_of(place.key) };
-        if self.bounds.is_some_and(|bounds| !bounds.contains(tile)) {
-            return 0;
-        }
         if entry.tile != 0 && entry.key == place.key {
             return entry.tile;
         }
@@ -305,7 +321,10 @@ impl<'m> NdtGrid<'m> {
             }
         };
         let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return 0 };
-        *tile = NdtTile { link: place.slot, ..NdtTile::EMPTY };
+        let address = TileAddress { layer: 0, column: column_of(place.key), row: row_of(place.key) };
+        let is_part = self.home.is_some_and(|home| !home.contains(address));
+        let standing = if is_part { Standing::Part } else { Standing::Whole };
+        *tile = NdtTile { link: place.slot, standing, ..NdtTile::EMPTY };
         if let Some(entry) = self.directory.get_mut(place.slot as usize) {
             *entry = DirectoryEntry { key: place.key, tile: index };
         }
@@ -315,11 +334,12 @@ impl<'m> NdtGrid<'m> {
     /// Frees `tile` if it is farther from the robot than `distance`, and returns it; else 0.
     fn evict_if_beyond(&mut self, distance: f32, tile: Option<u16>, robot: Point2) -> u16 {
         let Some(index) = tile.filter(|index| self.tile_distance(*index, robot) > distance) else { return 0 };
-        let slot = self.tiles.get(usize::from(index)).map_or(0, |tile| tile.link);
+        let (slot, is_loss) =
+            self.tiles.get(usize::from(index)).map_or((0, false), |tile| (tile.link, tile.standing == Standing::Whole));
         if let Some(entry) = self.directory.get_mut(slot as usize) {
             *entry = DirectoryEntry::EMPTY;
         }
-        self.evicted = self.evicted.wrapping_add(1);
+        self.evicted = self.evicted.wrapping_add(u32::from(is_loss));
         index
     }
 

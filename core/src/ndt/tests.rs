@@ -321,11 +321,51 @@ proptest! {
 }
 
 #[test]
-fn points_outside_of_the_bounds_are_left_out() {
-    let mut memory = Memory::new(200);
+fn part_seen_from_afar_is_added_to_the_page_that_comes_later() {
+    let near = Point2::new(0.3, 0.3);
+    let points: Vec<Point2> = (0..40).map(|i| Point2::new(2.1 + 0.04 * i as f32, 1.0 + 0.01 * i as f32)).collect();
+    let address = TileAddress { layer: 0, column: 1, row: 0 };
+    let mut bytes = [0; TILE_BYTES_MAX];
+    let mut memories = [Memory::new(20), Memory::new(20)];
+    let [first, second] = &mut memories;
+    let (mut all, mut grid) = (first.grid(&SINGLE), second.grid(&SINGLE));
+    all.insert(&points[..25], Pose2::IDENTITY);
+    let page = all.tile_bytes(address, &mut bytes).unwrap().to_vec();
+    all.insert(&points[25..], Pose2::IDENTITY);
+    grid.set_home(Region::around(0, 0, 0));
+    grid.insert(&points[25..], Pose2::IDENTITY);
+    assert_eq!(grid.unsaved().next(), None, "a part is nothing to save");
+    assert_eq!(grid.restore(address, &page, near), Ok(Restored::Done));
+    assert_eq!(
+        grid.tile_bytes(address, &mut bytes).map(<[u8]>::to_vec),
+        all.tile_bytes(address, &mut [0; 600]).map(<[u8]>::to_vec)
+    );
+    assert_eq!(grid.restore(address, &page, near), Ok(Restored::IsKnown));
+    assert_eq!(grid.unsaved().collect::<Vec<_>>(), [address]);
+    assert!(grid.set_saved(address));
+    assert_eq!(grid.unsaved().next(), None);
+    grid.insert(&points[..1], Pose2::IDENTITY);
+    assert_eq!(grid.unsaved().next(), Some(address), "it has changed");
+}
+
+#[test]
+fn part_is_whole_once_it_is_at_home() {
+    let mut memory = Memory::new(20);
     let mut grid = memory.grid(&SINGLE);
-    grid.keep_within(Region::around(0, 0, 0));
-    let points = [Point2::new(1.0, 1.0), Point2::new(2.1, 1.0), Point2::new(-0.1, 0.5)];
-    assert_eq!(grid.insert(&points, Pose2::IDENTITY), InsertReport { dropped: 2, evicted: 0 });
-    assert_eq!(grid.addresses().collect::<Vec<_>>(), [TileAddress { layer: 0, column: 0, row: 0 }]);
+    grid.set_home(Region::around(0, 0, 0));
+    grid.insert(&[Point2::new(2.1, 1.0)], Pose2::IDENTITY);
+    assert_eq!(grid.unsaved().next(), None);
+    grid.set_home(Region::around(1, 0, 0));
+    assert_eq!(grid.unsaved().next(), Some(TileAddress { layer: 0, column: 1, row: 0 }));
+}
+
+#[test]
+fn forgetting_what_is_saved_is_no_loss() {
+    let mut memory = Memory::new(3);
+    let mut grid = memory.grid(&SINGLE);
+    let at = |x: f32| [Point2::new(x, 0.5)];
+    grid.insert(&[at(9.0)[0], at(7.0)[0]], Pose2::IDENTITY);
+    assert!(grid.set_saved(TileAddress { layer: 0, column: 4, row: 0 }));
+    assert_eq!(grid.insert(&at(5.0), Pose2::IDENTITY), InsertReport { dropped: 0, evicted: 0 });
+    assert_eq!(grid.insert(&at(3.0), Pose2::IDENTITY), InsertReport { dropped: 0, evicted: 1 });
 }

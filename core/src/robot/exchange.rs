@@ -28,13 +28,13 @@ impl Exchange {
         let (map, ndt) = mapping.maps_mut();
         let tile_m = TILE_SIDE as f32 * map.square_size_m();
         // The configuration bounds it: 1000 m over tiles of 8 cm.
-        let radius = floor(config.rays.range_max_m / tile_m) as i16 + 1 + MARGIN;
+        let radius = |tile_m: f32| floor(config.rays.range_max_m / tile_m) as i16 + 1 + MARGIN;
         let reserve = (map.tiles_max() / RESERVE_SHARE).min(RESERVE_MAX);
         map.keep_free(reserve as u16);
         let cells_m = TILE_CELLS as f32 * config.ndt.cell_size_m;
-        let cells_radius = (ndt.side() as i16 - 1) / 2;
+        let cells_radius = radius(cells_m).min((ndt.side() as i16 - 1) / 2);
         let mut exchange = Self {
-            squares: Paging::new(PagedMap::Squares, tile_m, radius),
+            squares: Paging::new(PagedMap::Squares, tile_m, radius(tile_m)),
             cells: Paging::new(PagedMap::Cells, cells_m, cells_radius),
         };
         exchange.drive(mapping);
@@ -44,10 +44,9 @@ impl Exchange {
     /// The robot has mapped a scan, and goes on from where it is now.
     pub(super) fn drive(&mut self, mapping: &mut Mapping<'_>) {
         let robot = mapping.slam().odometry().map_from_robot().position();
-        let _ = self.squares.drive(robot);
-        if let Some(square) = self.cells.drive(robot) {
-            mapping.maps_mut().1.keep_within(square);
-        }
+        let (map, ndt) = mapping.maps_mut();
+        self.squares.drive(robot, map);
+        self.cells.drive(robot, ndt);
     }
 
     /// Sends, asks and forgets what is due.
@@ -71,10 +70,11 @@ impl Exchange {
     }
 
     /// The host has given all that it has there.
-    pub(super) fn recalled(&mut self, recall: &Recall) {
+    pub(super) fn recalled(&mut self, recall: &Recall, mapping: &mut Mapping<'_>) {
+        let (map, ndt) = mapping.maps_mut();
         match recall.map {
-            PagedMap::Squares => self.squares.recalled(&recall.region),
-            PagedMap::Cells => self.cells.recalled(&recall.region),
+            PagedMap::Squares => self.squares.recalled(&recall.region, map),
+            PagedMap::Cells => self.cells.recalled(&recall.region, ndt),
         }
     }
 

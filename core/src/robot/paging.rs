@@ -4,9 +4,12 @@
 //! tiles that are outside of it now are sent to the host ([`Page`]) and forgotten once the host has acknowledged them; what comes to lie inside is
 //! asked for ([`Recall`]), and is part of the home again when the host has given all that it has there.
 //!
-//! The home reaches farther than the robot looks. So if the answer comes before the robot has gone that far, the map is the one that a
+//! The home reaches farther than the particles' beams. So if the answer comes before the robot has gone that far, their map is the one that a
 //! larger memory would hold, to the bit. If it does not come in time the robot maps on; what it then has at a place stays, and the
 //! host's page of it is not taken. Without a host what is outside waits in memory, up to a share of it; then it is forgotten, and counted.
+//!
+//! The matcher sees farther than its home, as far as its memory reaches: a tile that the host has stays until a nearer one needs its
+//! memory. What it sees outside of its home is added to the page when that comes.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
@@ -36,12 +39,16 @@ pub(super) trait PageStore {
     fn find(&self, is_wanted: &mut dyn FnMut(TileAddress) -> bool) -> Option<TileAddress>;
     /// Writes one into `bytes` (of [`TILE_BYTES_MAX`]); `None` if it cannot leave.
     fn bytes_of<'b>(&self, address: TileAddress, bytes: &'b mut [u8]) -> Option<&'b [u8]>;
-    /// Forgets one; false if that cannot be.
-    fn let_go(&mut self, address: TileAddress) -> bool;
+    /// The host has this one as it is: forgets it now, or when its memory is needed. False if it cannot be let go.
+    fn hand_over(&mut self, address: TileAddress) -> bool;
+    /// Forgets one without a host; false if that is not necessary, because whoever needs memory takes that of the farthest.
+    fn forget(&mut self, address: TileAddress) -> bool;
     /// Takes one back; `None` if there is no room for it, or if it is none.
     fn restore(&mut self, page: &Page<'_>, robot: Point2) -> Option<Restored>;
     /// Tiles that there is memory for.
     fn capacity(&self) -> usize;
+    /// Of this region everything is here.
+    fn home_is(&mut self, home: &Region);
 }
 
 impl<const SIDE: usize> PageStore for DistributedMap<'_, SIDE> {
@@ -54,7 +61,11 @@ impl<const SIDE: usize> PageStore for DistributedMap<'_, SIDE> {
         self.settled_tile(place_of(address))?.to_bytes(bytes)
     }
 
-    fn let_go(&mut self, address: TileAddress) -> bool {
+    fn hand_over(&mut self, address: TileAddress) -> bool {
+        self.let_go(place_of(address))
+    }
+
+    fn forget(&mut self, address: TileAddress) -> bool {
         self.let_go(place_of(address))
     }
 
@@ -65,19 +76,25 @@ impl<const SIDE: usize> PageStore for DistributedMap<'_, SIDE> {
     fn capacity(&self) -> usize {
         self.tiles_max()
     }
+
+    fn home_is(&mut self, _: &Region) {}
 }
 
 impl PageStore for NdtGrid<'_> {
     fn find(&self, is_wanted: &mut dyn FnMut(TileAddress) -> bool) -> Option<TileAddress> {
-        self.addresses().find(|address| is_wanted(*address))
+        self.unsaved().find(|address| is_wanted(*address))
     }
 
     fn bytes_of<'b>(&self, address: TileAddress, bytes: &'b mut [u8]) -> Option<&'b [u8]> {
         self.tile_bytes(address, bytes)
     }
 
-    fn let_go(&mut self, address: TileAddress) -> bool {
-        self.let_go(address)
+    fn hand_over(&mut self, address: TileAddress) -> bool {
+        self.set_saved(address)
+    }
+
+    fn forget(&mut self, _: TileAddress) -> bool {
+        false
     }
 
     fn restore(&mut self, page: &Page<'_>, robot: Point2) -> Option<Restored> {
@@ -86,6 +103,10 @@ impl PageStore for NdtGrid<'_> {
 
     fn capacity(&self) -> usize {
         self.tiles_max()
+    }
+
+    fn home_is(&mut self, home: &Region) {
+        self.set_home(*home);
     }
 }
 
@@ -121,6 +142,8 @@ pub(super) struct Paging {
     tile_m: f32,
     /// Tiles from the central one to the edge of the square.
     radius: i16,
+    /// The central tile's column and row.
+    centre: [i16; 2],
     /// Where the home should be; `None` before the first scan.
     square: Option<Region>,
     /// The part of it of which everything is here.
@@ -134,12 +157,13 @@ pub(super) struct Paging {
 }
 
 impl Paging {
-    /// For tiles with sides of `tile_m` m, at most `radius` of them to each side of the robot's.
+    /// For tiles with sides of `tile_m` m, `radius` of them to each side of the robot's.
     pub(super) fn new(map: PagedMap, tile_m: f32, radius: i16) -> Self {
         Self {
             map,
             tile_m,
             radius,
+            centre: [0, 0],
             square: None,
             home: Region::default(),
             asked: None,
@@ -150,24 +174,23 @@ impl Paging {
         }
     }
 
-    /// The robot is at `robot` (map frame, m), and has mapped. Returns the square if it has moved.
-    pub(super) fn drive(&mut self, robot: Point2) -> Option<Region> {
+    /// The robot is at `robot` (map frame, m), and has mapped.
+    pub(super) fn drive(&mut self, robot: Point2, store: &mut dyn PageStore) {
         self.robot = robot;
         self.is_due = true;
         let in_tiles = |value: f32| (value / self.tile_m).clamp(-PLACE_MAX, PLACE_MAX);
-        let (x, y) = (in_tiles(robot.x), in_tiles(robot.y));
-        if let Some(square) = self.square {
-            let middle = |[first, end]: [i16; 2]| 0.5 * (f32::from(first) + f32::from(end));
-            let is_off = |at: f32, side| (at - middle(side)).abs() > OFF_CENTRE;
-            if !is_off(x, square.columns) && !is_off(y, square.rows) {
-                return None;
-            }
+        let at = [in_tiles(robot.x), in_tiles(robot.y)];
+        let is_off = |at: f32, centre: i16| (at - f32::from(centre) - 0.5).abs() > OFF_CENTRE;
+        if self.square.is_none() || is_off(at[0], self.centre[0]) || is_off(at[1], self.centre[1]) {
+            self.centre = at.map(|value| floor(value) as i16);
         }
-        let square = Region::around(floor(x) as i16, floor(y) as i16, self.radius);
-        // Nothing was seen before the first scan.
-        self.home = if self.square.is_some() { self.home.intersection(&square) } else { square };
-        self.square = Some(square);
-        Some(square)
+        let square = Region::around(self.centre[0], self.centre[1], self.radius);
+        if self.square != Some(square) {
+            // Nothing was seen before the first scan.
+            self.home = if self.square.is_some() { self.home.intersection(&square) } else { square };
+            self.square = Some(square);
+            store.home_is(&self.home);
+        }
     }
 
     /// The host is new: what the last one was asked, this one has not heard.
@@ -176,10 +199,11 @@ impl Paging {
     }
 
     /// The host has given all that it has there.
-    pub(super) fn recalled(&mut self, region: &Region) {
+    pub(super) fn recalled(&mut self, region: &Region, store: &mut dyn PageStore) {
         if let Some(square) = self.square.filter(|_| self.asked == Some(*region)) {
             self.asked = None;
             self.home = self.home.with_side(region).intersection(&square);
+            store.home_is(&self.home);
         }
     }
 
@@ -234,7 +258,7 @@ impl Paging {
             }
             let mut memory = [0; TILE_BYTES_MAX];
             let crc = store.bytes_of(page.address, &mut memory).map(|bytes| CRC32.checksum(bytes));
-            if !square.contains(page.address) && crc == Some(page.crc) && store.let_go(page.address) {
+            if !square.contains(page.address) && crc == Some(page.crc) && store.hand_over(page.address) {
                 counts.left = counts.left.saturating_add(1);
             }
             *is_due = true;
@@ -250,7 +274,7 @@ impl Paging {
                 waiting > store.capacity() / 8
             });
             match surplus {
-                Some(address) if store.let_go(address) => {
+                Some(address) if store.forget(address) => {
                     self.counts.forgotten = self.counts.forgotten.saturating_add(1);
                 }
                 _ => self.is_due = false,

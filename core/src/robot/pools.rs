@@ -63,7 +63,7 @@ pub struct RobotPools<
 }
 
 /// 32 particles at 8 m within 512 KiB of RAM, stack and buffers included: a Cortex-M7 such as the STM32H743.
-pub type StandardPools = RobotPools<1792, 1024, 32, 64, 682, 180, 256, 16384>;
+pub type StandardPools = RobotPools<1728, 1024, 32, 64, 682, 180, 1024, 16384>;
 
 /// 12 particles at 4 m within 192 KiB: a Cortex-M4F such as the STM32F405.
 pub type CompactPools = RobotPools<448, 256, 12, 24, 384, 74, 256, 6144>;

@@ -43,8 +43,8 @@ impl Robot<'_> {
                         None
                     }
                     Ok(ToRobot::Recalled(recall)) => {
-                        if let Work::Mapping(running) = &mut self.work {
-                            running.exchange.recalled(&recall);
+                        if let Work::Mapping(Running { mapping, exchange, .. }) = &mut self.work {
+                            exchange.recalled(&recall, mapping);
                         }
                         None
                     }

@@ -14,12 +14,12 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use lrfslam_core::robot::{LaserConfig, LaserFamily};
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_core::wire::message::{FromRobot, ToRobot};
+use lrfslam_core::wire::message::{FromRobot, Status, ToRobot};
 use lrfslam_core::wire::session::Progress;
 use lrfslam_firmware_sim::virtual_lrf::recording::{RecordedLaser, RecordedScan};
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::log::LogScan;
-use lrfslam_host::robot::{RobotRun, Told};
+use lrfslam_host::robot::{Pages, RobotRun, Told};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
 use lrfslam_tests::robot_rig::{Build, HostDisk, LineFaults, MakeMemory, PoolSize, RobotRig, Tally};
 
@@ -92,6 +92,10 @@ impl HostDisk for Heard {
 
     fn progress(&self) -> Option<Progress> {
         self.run.progress()
+    }
+
+    fn pages(&self) -> Option<&Pages> {
+        Some(self.run.map().pages())
     }
 }
 
@@ -229,6 +233,8 @@ fn finish(
     let wall_s = started.elapsed().as_secs_f64();
     println!("{} of {} scans mapped, {lost} of them lost", tally.scans, scans.len());
     println!("{dropped} particles dropped, {} left; {tiles} map tiles at most", status.particles);
+    let Status { pages_left, pages_restored, tiles_forgotten, .. } = status;
+    println!("{pages_left} pages left with the host, {pages_restored} taken back, {tiles_forgotten} tiles forgotten");
     println!("{ndt_evicted} of the matcher's tiles forgotten, {ndt_dropped} points found no room in it");
     println!(
         "{} scans' poses told, {sweeps} of them with their beams, {} without for want of room",

@@ -2,7 +2,7 @@
 
 use lrfslam_core::wire::message::FromRobot;
 use lrfslam_core::wire::session::Progress;
-use lrfslam_host::robot::{RobotMap, Sweeps, Told};
+use lrfslam_host::robot::{Pages, RobotMap, Sweeps, Told};
 
 /// Where a host stores what it hears; it outlives the host.
 pub trait HostDisk {
@@ -11,6 +11,9 @@ pub trait HostDisk {
 
     /// How far the robot's messages have come.
     fn progress(&self) -> Option<Progress>;
+
+    /// What the robot has left here, once something was heard of it.
+    fn pages(&self) -> Option<&Pages>;
 }
 
 /// All that a host has heard of one life of a robot.
@@ -69,5 +72,9 @@ impl HostDisk for Disk {
 
     fn progress(&self) -> Option<Progress> {
         self.progress
+    }
+
+    fn pages(&self) -> Option<&Pages> {
+        self.lives.last().map(|life| life.map.pages())
     }
 }

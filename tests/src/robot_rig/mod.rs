@@ -237,9 +237,7 @@ impl<D: HostDisk> RobotRig<D> {
                 RobotEvent::OtherVersion(version) => panic!("version {version}"),
             });
         }
-        if let Some(life) = disk.lives.last() {
-            host.give_back(life.map.pages());
-        }
+        disk.pages().into_iter().for_each(|pages| host.give_back(pages));
         if now >= host.session().deadline() {
             host.session().timeout(now);
         }
