@@ -174,11 +174,6 @@ impl<'m> LaserOdometry<'m> {
         &self.ndt
     }
 
-    /// The same, to let go and take back tiles.
-    pub fn ndt_mut(&mut self) -> &mut NdtGrid<'m> {
-        &mut self.ndt
-    }
-
     /// Puts the robot at `map_from_robot` and forgets the reference; to be followed by [`refer_to`](Self::refer_to). What is known of
     /// its motion stays.
     ///

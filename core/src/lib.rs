@@ -59,7 +59,6 @@ pub mod particles;
 pub mod perception;
 pub mod random;
 pub mod rays;
-pub mod region;
 pub mod robot;
 pub mod scan;
 pub mod slam;

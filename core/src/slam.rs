@@ -17,7 +17,6 @@ use crate::geometry::{Point2, Pose2};
 use crate::laser_odometry::{self, LaserOdometry};
 use crate::low_slam::{self, LowSlam, Weighing};
 use crate::motion::{MatchedMotion, ScanMatchingMotion, ScanMatchingMotionConfig};
-use crate::ndt::NdtGrid;
 use crate::particles::Sample;
 use crate::rays::RayCapacityError;
 use crate::scan::RangeScan;
@@ -107,9 +106,9 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
         &self.odometry
     }
 
-    /// The particles' map and the matcher's reference, to let go and take back tiles.
-    pub fn maps_mut(&mut self) -> (&mut DistributedMap<'m, SIDE>, &mut NdtGrid<'m>) {
-        (self.filter.map_mut(), self.odometry.ndt_mut())
+    /// The particles' maps, to let go and take back tiles.
+    pub fn map_mut(&mut self) -> &mut DistributedMap<'m, SIDE> {
+        self.filter.map_mut()
     }
 
     /// Puts the robot at `map_from_robot` and forgets the map; to be followed by [`refer_to`](Self::refer_to) for every scan of the new one.

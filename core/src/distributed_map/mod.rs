@@ -26,12 +26,14 @@
 
 mod exchange;
 mod print;
+mod region;
 mod square;
 mod tiles;
 mod window;
 
 pub use exchange::Restored;
 pub use print::{Print, PrintReport};
+pub use region::Region;
 pub use square::{DISTANCE_UNITS, Square};
 pub use tiles::{DistributedMap, MapMemory, MapMemoryError, PoolFullError, Tile, TileHeader, TileId, TilePlace};
 pub use window::{MapView, Window, WindowFrame, WindowMemoryError};

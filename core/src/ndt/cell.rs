@@ -1,7 +1,5 @@
 //! One cell: running sums of its points, and the normal distribution they make.
 
-use serde::{Deserialize, Serialize};
-
 use super::NdtConfig;
 use crate::geometry::Point2;
 use crate::math::exp2_neg;
@@ -14,7 +12,7 @@ const FROZEN: u32 = 1 << 31;
 const MINUS_HALF_LOG2_E: f32 = -0.5 * core::f32::consts::LOG2_E;
 
 /// Running sums of the points in one cell, as fixed-point offsets from its centre.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct CellSums {
     count: u32,
     x: i32,
@@ -44,17 +42,6 @@ impl CellSums {
         }
     }
 
-    /// Adds another cell's points, seen at the same place.
-    pub(super) fn add(&mut self, other: &Self) {
-        self.count = self.count.saturating_add(other.points());
-        let Self { x, y, xx, xy, yy, .. } = *other;
-        for (sum, term) in
-            [(&mut self.x, x), (&mut self.y, y), (&mut self.xx, xx), (&mut self.xy, xy), (&mut self.yy, yy)]
-        {
-            *sum = sum.wrapping_add(term);
-        }
-    }
-
     /// From now on no point is added or removed, if there are `points_min`.
     pub(super) fn freeze(&mut self, points_min: u16) {
         if self.count >= u32::from(points_min) {
@@ -65,11 +52,6 @@ impl CellSums {
     /// True if no point may be added or removed.
     pub(super) fn is_frozen(&self) -> bool {
         self.count & FROZEN != 0
-    }
-
-    /// Points in the cell.
-    pub(super) fn points(&self) -> u32 {
-        self.count & !FROZEN
     }
 
     /// Halves the evidence once it has reached `count_max` points.

@@ -4,12 +4,11 @@ use super::NdtConfig;
 use super::cell::{CellSums, Gaussian};
 use crate::geometry::{Point2, Pose2};
 use crate::math::{floor, sin_cos};
-use crate::region::{Region, TileAddress};
 
 /// Cells along a tile's side.
 pub const TILE_CELLS: usize = 1 << TILE_SHIFT;
 const TILE_SHIFT: u32 = 2;
-pub(super) const TILE_AREA: usize = TILE_CELLS * TILE_CELLS;
+const TILE_AREA: usize = TILE_CELLS * TILE_CELLS;
 /// Farther than this from the origin a point is dropped, m: 16-bit tile coordinates and `f32` give out.
 const REACH_M: f32 = 5_000.0;
 
@@ -17,41 +16,24 @@ const REACH_M: f32 = 5_000.0;
 #[derive(Debug, Clone)]
 pub struct NdtTile {
     /// Of this tile in the directory, or the next free tile.
-    pub(super) link: u32,
+    link: u32,
     /// Points in it.
-    pub(super) count: u32,
-    pub(super) standing: Standing,
-    pub(super) sums: [CellSums; TILE_AREA],
-    pub(super) gaussians: [Gaussian; TILE_AREA],
+    count: u32,
+    sums: [CellSums; TILE_AREA],
+    gaussians: [Gaussian; TILE_AREA],
 }
 
 impl NdtTile {
     /// A tile without points.
-    pub const EMPTY: Self = Self {
-        link: 0,
-        count: 0,
-        standing: Standing::Whole,
-        sums: [CellSums::EMPTY; TILE_AREA],
-        gaussians: [Gaussian::EMPTY; TILE_AREA],
-    };
-}
-
-/// What is lost if a tile is forgotten.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Standing {
-    /// All that was seen here.
-    Whole = 0,
-    /// Nothing: somebody has it as it is.
-    Saved,
-    /// What was seen here from afar, while somebody else may have the rest.
-    Part,
+    pub const EMPTY: Self =
+        Self { link: 0, count: 0, sums: [CellSums::EMPTY; TILE_AREA], gaussians: [Gaussian::EMPTY; TILE_AREA] };
 }
 
 /// Which tile holds a place of the plane. All zero when empty.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct DirectoryEntry {
-    pub(super) key: u32,
-    pub(super) tile: u16,
+    key: u32,
+    tile: u16,
 }
 
 impl DirectoryEntry {
@@ -75,35 +57,33 @@ pub enum NdtMemoryError {
 pub struct InsertReport {
     /// Points that found no tile because the pool was full of nearer ones, counted once per layer.
     pub dropped: u32,
-    /// Whole tiles forgotten because a place nearer to the robot needed their memory, or their place in the directory.
+    /// Tiles forgotten because a place nearer to the robot needed their memory, or their place in the directory.
     pub evicted: u32,
 }
 
 /// A plane of cells over memory lent by the caller; see the [module](super).
 #[derive(Debug)]
 pub struct NdtGrid<'m> {
-    pub(super) config: NdtConfig,
+    config: NdtConfig,
     cells_per_metre: f32,
     layers: u32,
-    pub(super) side_shift: u32,
-    pub(super) directory: &'m mut [DirectoryEntry],
-    pub(super) tiles: &'m mut [NdtTile],
+    side_shift: u32,
+    directory: &'m mut [DirectoryEntry],
+    tiles: &'m mut [NdtTile],
     /// Tiles ever taken from the pool, tile 0 included.
-    pub(super) taken: u16,
+    taken: u16,
     /// Head of the list of tiles given back; 0 ends it.
     free: u16,
     used: u16,
     /// Tiles forgotten so far.
     evicted: u32,
-    /// Tiles made outside of it are but parts.
-    pub(super) home: Option<Region>,
 }
 
 /// Where a point falls in one layer.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
-    pub(super) slot: u32,
-    pub(super) key: u32,
+    slot: u32,
+    key: u32,
     cell: u32,
 }
 
@@ -145,7 +125,6 @@ impl<'m> NdtGrid<'m> {
             free: 0,
             used: 0,
             evicted: 0,
-            home: None,
         })
     }
 
@@ -172,19 +151,9 @@ impl<'m> NdtGrid<'m> {
         self.layers
     }
 
-    /// Tiles along each direction that can be told apart.
-    pub fn side(&self) -> usize {
-        1 << self.side_shift
-    }
-
     /// Tiles in use.
     pub fn tiles_used(&self) -> usize {
         usize::from(self.used)
-    }
-
-    /// Tiles that can be in use at once.
-    pub fn tiles_max(&self) -> usize {
-        self.tiles.len() - 1
     }
 
     /// Adds `points` (robot frame) seen from `map_from_robot`.
@@ -223,8 +192,9 @@ impl<'m> NdtGrid<'m> {
         let (column, row) = (floor(u), floor(v));
         let place = self.place(column, row, layer);
         let index = if sign > 0 { self.tile_for(place, robot) } else { self.tile_at(place) };
+        let shift = layer_shift(layer);
         let (left, low) = (column as f32, row as f32);
-        let centre = self.centre_of(column, row, layer);
+        let centre = Point2::new(left + 0.5 - shift.x, low + 0.5 - shift.y) * self.config.cell_size_m;
         let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return false };
         let (Some(sums), Some(gaussian)) =
             (tile.sums.get_mut(place.cell as usize), tile.gaussians.get_mut(place.cell as usize))
@@ -238,19 +208,10 @@ impl<'m> NdtGrid<'m> {
         sums.fade(self.config.count_max);
         *gaussian = sums.gaussian(&self.config, centre);
         tile.count = tile.count.saturating_add_signed(sign);
-        if tile.standing == Standing::Saved {
-            tile.standing = Standing::Whole;
-        }
         if tile.count == 0 {
             self.give_back(place, index);
         }
         true
-    }
-
-    /// Centre of a cell of one layer, m.
-    pub(super) fn centre_of(&self, column: i32, row: i32, layer: u32) -> Point2 {
-        let shift = layer_shift(layer);
-        Point2::new(column as f32 + 0.5 - shift.x, row as f32 + 0.5 - shift.y) * self.config.cell_size_m
     }
 
     /// A point in units of cells, for one layer.
@@ -280,16 +241,9 @@ impl<'m> NdtGrid<'m> {
         }
     }
 
-    /// The first cell of a tile; `None` if there is no such layer.
-    pub(super) fn first_cell(&self, tile: TileAddress) -> Option<Place> {
-        let [column, row] = [tile.column, tile.row].map(|index| i32::from(index) << TILE_SHIFT);
-        let layer = u32::from(tile.layer);
-        (layer < self.layers).then(|| self.place(column, row, layer))
-    }
-
     /// The tile that holds `place`; the empty tile 0 if there is none.
     #[inline(always)]
-    pub(super) fn tile_at(&self, place: Place) -> u16 {
+    fn tile_at(&self, place: Place) -> u16 {
         match self.directory.get(place.slot as usize) {
             Some(entry) if entry.key == place.key => entry.tile,
             _ => 0,
@@ -306,7 +260,7 @@ impl<'m> NdtGrid<'m> {
     }
 
     /// The tile that holds `place`, which takes the memory of a farther one if there is no other; 0 if there is none.
-    pub(super) fn tile_for(&mut self, place: Place, robot: Point2) -> u16 {
+    fn tile_for(&mut self, place: Place, robot: Point2) -> u16 {
         let Some(entry) = self.directory.get(place.slot as usize).copied() else { return 0 };
         if entry.tile != 0 && entry.key == place.key {
             return entry.tile;
@@ -321,10 +275,7 @@ impl<'m> NdtGrid<'m> {
             }
         };
         let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return 0 };
-        let address = TileAddress { layer: 0, column: column_of(place.key), row: row_of(place.key) };
-        let is_part = self.home.is_some_and(|home| !home.contains(address));
-        let standing = if is_part { Standing::Part } else { Standing::Whole };
-        *tile = NdtTile { link: place.slot, standing, ..NdtTile::EMPTY };
+        *tile = NdtTile { link: place.slot, ..NdtTile::EMPTY };
         if let Some(entry) = self.directory.get_mut(place.slot as usize) {
             *entry = DirectoryEntry { key: place.key, tile: index };
         }
@@ -334,12 +285,11 @@ impl<'m> NdtGrid<'m> {
     /// Frees `tile` if it is farther from the robot than `distance`, and returns it; else 0.
     fn evict_if_beyond(&mut self, distance: f32, tile: Option<u16>, robot: Point2) -> u16 {
         let Some(index) = tile.filter(|index| self.tile_distance(*index, robot) > distance) else { return 0 };
-        let (slot, is_loss) =
-            self.tiles.get(usize::from(index)).map_or((0, false), |tile| (tile.link, tile.standing == Standing::Whole));
+        let slot = self.tiles.get(usize::from(index)).map_or(0, |tile| tile.link);
         if let Some(entry) = self.directory.get_mut(slot as usize) {
             *entry = DirectoryEntry::EMPTY;
         }
-        self.evicted = self.evicted.wrapping_add(u32::from(is_loss));
+        self.evicted = self.evicted.wrapping_add(1);
         index
     }
 
@@ -359,8 +309,8 @@ impl<'m> NdtGrid<'m> {
     fn distance_to(&self, slot: u32, key: u32, robot: Point2) -> f32 {
         let shift = layer_shift(slot >> (2 * self.side_shift));
         let side = TILE_CELLS as f32;
-        let x = (f32::from(column_of(key)) + 0.5) * side - shift.x - robot.x * self.cells_per_metre;
-        let y = (f32::from(row_of(key)) + 0.5) * side - shift.y - robot.y * self.cells_per_metre;
+        let x = (f32::from(key as u16 as i16) + 0.5) * side - shift.x - robot.x * self.cells_per_metre;
+        let y = (f32::from((key >> 16) as u16 as i16) + 0.5) * side - shift.y - robot.y * self.cells_per_metre;
         x * x + y * y
     }
 
@@ -377,7 +327,7 @@ impl<'m> NdtGrid<'m> {
         index
     }
 
-    pub(super) fn give_back(&mut self, place: Place, index: u16) {
+    fn give_back(&mut self, place: Place, index: u16) {
         if let (Some(tile), Some(entry)) =
             (self.tiles.get_mut(usize::from(index)), self.directory.get_mut(place.slot as usize))
         {
@@ -387,16 +337,6 @@ impl<'m> NdtGrid<'m> {
             self.used -= 1;
         }
     }
-}
-
-/// Column of the tile that a directory's key names.
-pub(super) fn column_of(key: u32) -> i16 {
-    key as u16 as i16
-}
-
-/// Its row.
-pub(super) fn row_of(key: u32) -> i16 {
-    (key >> 16) as u16 as i16
 }
 
 #[inline(always)]

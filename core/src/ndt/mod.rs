@@ -15,11 +15,9 @@
 //!   farther from the robot is forgotten, or the farther point is left out. [`InsertReport`] counts both.
 
 mod cell;
-mod exchange;
 mod grid;
 mod score;
 
-pub use exchange::{RestoreError, TILE_BYTES_MAX};
 pub use grid::{DirectoryEntry, InsertReport, NdtGrid, NdtMemoryError, NdtTile, TILE_CELLS};
 pub use score::Linearisation;
 

@@ -1,8 +1,6 @@
 use super::*;
-use crate::distributed_map::Restored;
 use crate::geometry::{Point2, Pose2};
 use crate::math::uniform;
-use crate::region::{Region, TileAddress};
 use proptest::prelude::*;
 use rand_core::SeedableRng;
 use rand_pcg::Pcg32;
@@ -273,99 +271,4 @@ fn frozen_cells_stay_and_others_take_points() {
     assert_eq!((grid.tiles_used(), grid.score(&corner(), Pose2::IDENTITY)), (0, 0.0));
     grid.insert(&corner(), moved);
     assert!(grid.score(&corner(), moved) > grid.score(&corner(), Pose2::IDENTITY));
-}
-
-proptest! {
-    #[test]
-    fn tiles_that_were_away_are_as_they_were(overlapping in any::<bool>(), seed in 0..1000_u64) {
-        let config = NdtConfig { overlapping, ..SINGLE };
-        let mut rng = Pcg32::seed_from_u64(seed);
-        let mut memory = Memory::new(200);
-        let mut grid = memory.grid(&config);
-        let points: Vec<Point2> =
-            (0..3000).map(|_| Point2::new(20.0 * uniform(&mut rng) - 10.0, 20.0 * uniform(&mut rng) - 10.0)).collect();
-        grid.insert(&points, Pose2::IDENTITY);
-        let look = |grid: &NdtGrid<'_>| {
-            let at = grid.linearise(&points, Pose2::new(0.03, -0.02, 0.01));
-            (at.score.to_bits(), at.gradient.map(f32::to_bits))
-        };
-        let before = (look(&grid), grid.tiles_used());
-        let addresses: Vec<_> = grid.addresses().collect();
-        prop_assert_eq!(addresses.len(), grid.tiles_used());
-        let mut away = Vec::new();
-        for address in &addresses {
-            let mut bytes = [0; TILE_BYTES_MAX];
-            away.push(grid.tile_bytes(*address, &mut bytes).unwrap().to_vec());
-            prop_assert!(grid.let_go(*address) && !grid.let_go(*address));
-        }
-        prop_assert_eq!(grid.tiles_used(), 0);
-        let robot = Point2::new(0.0, 0.0);
-        for (address, bytes) in addresses.iter().zip(&away).rev() {
-            prop_assert_eq!(grid.restore(*address, bytes, robot), Ok(Restored::Done));
-            prop_assert_eq!(grid.restore(*address, bytes, robot), Ok(Restored::IsKnown));
-        }
-        prop_assert_eq!((look(&grid), grid.tiles_used()), before);
-    }
-
-    #[test]
-    fn damaged_pages_do_no_harm(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
-        let mut memory = Memory::new(20);
-        let mut grid = memory.grid(&SINGLE);
-        let address = TileAddress { layer: 0, column: 1, row: -1 };
-        let _ = grid.restore(address, &bytes, Point2::new(0.0, 0.0));
-        grid.insert(&corner(), Pose2::IDENTITY);
-        let _ = grid.linearise(&corner(), Pose2::IDENTITY);
-        let other_layer = TileAddress { layer: 3, ..address };
-        prop_assert_eq!(grid.restore(other_layer, &bytes, Point2::new(0.0, 0.0)), Err(RestoreError::NoTile));
-    }
-}
-
-#[test]
-fn part_seen_from_afar_is_added_to_the_page_that_comes_later() {
-    let near = Point2::new(0.3, 0.3);
-    let points: Vec<Point2> = (0..40).map(|i| Point2::new(2.1 + 0.04 * i as f32, 1.0 + 0.01 * i as f32)).collect();
-    let address = TileAddress { layer: 0, column: 1, row: 0 };
-    let mut bytes = [0; TILE_BYTES_MAX];
-    let mut memories = [Memory::new(20), Memory::new(20)];
-    let [first, second] = &mut memories;
-    let (mut all, mut grid) = (first.grid(&SINGLE), second.grid(&SINGLE));
-    all.insert(&points[..25], Pose2::IDENTITY);
-    let page = all.tile_bytes(address, &mut bytes).unwrap().to_vec();
-    all.insert(&points[25..], Pose2::IDENTITY);
-    grid.set_home(Region::around(0, 0, 0));
-    grid.insert(&points[25..], Pose2::IDENTITY);
-    assert_eq!(grid.unsaved().next(), None, "a part is nothing to save");
-    assert_eq!(grid.restore(address, &page, near), Ok(Restored::Done));
-    assert_eq!(
-        grid.tile_bytes(address, &mut bytes).map(<[u8]>::to_vec),
-        all.tile_bytes(address, &mut [0; 600]).map(<[u8]>::to_vec)
-    );
-    assert_eq!(grid.restore(address, &page, near), Ok(Restored::IsKnown));
-    assert_eq!(grid.unsaved().collect::<Vec<_>>(), [address]);
-    assert!(grid.set_saved(address));
-    assert_eq!(grid.unsaved().next(), None);
-    grid.insert(&points[..1], Pose2::IDENTITY);
-    assert_eq!(grid.unsaved().next(), Some(address), "it has changed");
-}
-
-#[test]
-fn part_is_whole_once_it_is_at_home() {
-    let mut memory = Memory::new(20);
-    let mut grid = memory.grid(&SINGLE);
-    grid.set_home(Region::around(0, 0, 0));
-    grid.insert(&[Point2::new(2.1, 1.0)], Pose2::IDENTITY);
-    assert_eq!(grid.unsaved().next(), None);
-    grid.set_home(Region::around(1, 0, 0));
-    assert_eq!(grid.unsaved().next(), Some(TileAddress { layer: 0, column: 1, row: 0 }));
-}
-
-#[test]
-fn forgetting_what_is_saved_is_no_loss() {
-    let mut memory = Memory::new(3);
-    let mut grid = memory.grid(&SINGLE);
-    let at = |x: f32| [Point2::new(x, 0.5)];
-    grid.insert(&[at(9.0)[0], at(7.0)[0]], Pose2::IDENTITY);
-    assert!(grid.set_saved(TileAddress { layer: 0, column: 4, row: 0 }));
-    assert_eq!(grid.insert(&at(5.0), Pose2::IDENTITY), InsertReport { dropped: 0, evicted: 0 });
-    assert_eq!(grid.insert(&at(3.0), Pose2::IDENTITY), InsertReport { dropped: 0, evicted: 1 });
 }

@@ -2,14 +2,13 @@
 
 use core::fmt::Write as _;
 
-use super::exchange::Exchange;
 use super::laser::Laser;
 use super::mapping::{Mapped, Mapping, MappingMemory};
+use super::paging::Paging;
 use super::pools::{RobotMemory, TILE_SIDE};
 use super::report::MapReport;
 use super::sweep_report::SweepReport;
 use crate::lrf::driver::{Event, Input as LaserInput, NEVER, Output};
-use crate::ndt::InsertReport;
 use crate::scan::{Beam, RangeScan};
 use crate::slam::ScanCapacityError;
 use crate::sweep::Sweep;
@@ -17,7 +16,7 @@ use crate::time::Instant;
 use crate::wire::message::{Capacities, Health, PARTICLES_MAX, ScanPose, Status};
 use crate::wire::session::{Session, SessionMemory};
 
-/// Messages that the host may send ahead: most of them are pages of 150 bytes.
+/// Messages that the host may send ahead: most of them are tiles of 150 bytes.
 const CREDIT: u16 = 8;
 /// Poses and words that wait for room in the queue.
 const POSES: usize = 16;
@@ -108,7 +107,7 @@ pub(super) struct Running<'m> {
     pub(super) laser: Laser<'m>,
     pub(super) laser_deadline: Instant,
     pub(super) mapping: Mapping<'m>,
-    pub(super) exchange: Exchange,
+    pub(super) paging: Paging,
 }
 
 impl<'m> Robot<'m> {
@@ -217,7 +216,7 @@ impl<'m> Robot<'m> {
         else {
             return;
         };
-        let Running { laser, laser_deadline, mapping, exchange } = running;
+        let Running { laser, laser_deadline, mapping, paging } = running;
         let driver = laser.driver();
         loop {
             match driver.poll_output() {
@@ -231,7 +230,7 @@ impl<'m> Robot<'m> {
                     let Ok(mapped) = map_scan(mapping, &scan, status) else { continue };
                     if mapped.report.filter.is_some() {
                         map_report.map_changed();
-                        exchange.drive(mapping);
+                        paging.drive(mapping);
                     }
                     let config = mapping.config();
                     let motion = mapped.report.odometry.motion;
@@ -260,8 +259,6 @@ impl<'m> Robot<'m> {
 fn map_scan(mapping: &mut Mapping<'_>, scan: &RangeScan<'_>, status: &mut Status) -> Result<Mapped, ScanCapacityError> {
     let mapped =
         mapping.add_scan(scan).inspect_err(|_| status.refused_scans = status.refused_scans.saturating_add(1))?;
-    let InsertReport { evicted, .. } = mapped.report.odometry.inserted;
-    status.tiles_forgotten = status.tiles_forgotten.saturating_add(evicted);
     status.scans = status.scans.saturating_add(1);
     status.steps = mapping.steps();
     status.map_from_robot = mapped.report.map_from_robot;

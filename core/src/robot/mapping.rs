@@ -5,7 +5,7 @@ use super::pools::TILE_SIDE;
 use crate::distributed_map::{DistributedMap, Window};
 use crate::laser_odometry::{LaserOdometry, OdometryMemory};
 use crate::low_slam::{LowSlam, LowSlamMemory, LowSlamMemoryError, Weighing};
-use crate::ndt::{NdtGrid, NdtMemoryError};
+use crate::ndt::NdtMemoryError;
 use crate::particles::{Particle, Sample};
 use crate::random::RandomStream;
 use crate::scan::RangeScan;
@@ -116,9 +116,9 @@ impl<'m> Mapping<'m> {
         &self.slam
     }
 
-    /// The particles' map and the matcher's reference, to let go and take back tiles.
-    pub(super) fn maps_mut(&mut self) -> (&mut DistributedMap<'m, TILE_SIDE>, &mut NdtGrid<'m>) {
-        self.slam.maps_mut()
+    /// The particles' maps, to let go and take back tiles.
+    pub(super) fn map_mut(&mut self) -> &mut DistributedMap<'m, TILE_SIDE> {
+        self.slam.map_mut()
     }
 
     /// Maps a scan.

@@ -11,7 +11,6 @@
 //! [`RobotPools`] holds all of it, is all zero at first, and costs no flash as a static.
 
 mod config;
-mod exchange;
 mod laser;
 mod machine;
 mod mapping;

@@ -1,149 +1,76 @@
-//! Tiles far from the robot live with the host: so a building may be larger than the robot's memory.
+//! Tiles of the particles' maps that are far from the robot live with the host: so a building may be larger than the robot's memory.
 //!
 //! Around the robot lies a square of tiles, its **home**, of which everything is in memory. When the robot has gone on, the square moves:
-//! tiles that are outside of it now are sent to the host ([`Page`]) and forgotten once the host has acknowledged them; what comes to lie inside is
-//! asked for ([`Recall`]), and is part of the home again when the host has given all that it has there.
+//! tiles that are outside of it now are sent to the host ([`FromRobot::Left`]) and forgotten once the host has acknowledged them; what comes to lie
+//! inside is asked for ([`FromRobot::Recall`]), and is part of the home again when the host has given all that it has there.
 //!
-//! The home reaches farther than the particles' beams. So if the answer comes before the robot has gone that far, their map is the one that a
+//! The home reaches farther than the particles' beams. So if the answer comes before the robot has gone that far, the map is the one that a
 //! larger memory would hold, to the bit. If it does not come in time the robot maps on; what it then has at a place stays, and the
-//! host's page of it is not taken. Without a host what is outside waits in memory, up to a share of it; then it is forgotten, and counted.
+//! host's tile is not taken. Only tiles that all particles agree on leave. Without a host what is outside waits in memory, up to a share
+//! of it; then it is forgotten, and counted.
 //!
-//! The matcher sees farther than its home, as far as its memory reaches: a tile that the host has stays until a nearer one needs its
-//! memory. What it sees outside of its home is added to the page when that comes.
+//! The matcher's reference is not part of this: it forgets what is farthest and begins anew. A reference that came back would pull the robot to
+//! where it was before a loop by as much as the loop is open, and the host, which closes loops by what the robot says that it has moved, would
+//! count that twice.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
-use crate::distributed_map::{DistributedMap, TilePlace};
-use crate::distributed_map::{Restored, Tile};
+use super::mapping::Mapping;
+use super::pools::TILE_SIDE;
+use crate::distributed_map::{DistributedMap, Region, Restored, Tile, TilePlace};
 use crate::geometry::Point2;
 use crate::math::floor;
-use crate::ndt::{NdtGrid, TILE_BYTES_MAX};
-use crate::region::{Region, TileAddress};
-use crate::wire::message::{FromRobot, Page, PagedMap, Recall};
+use crate::wire::message::{FromRobot, TileUpdate};
 use crate::wire::session::{QueueFullError, Session};
 
-/// Pages on their way to the host.
+/// Tiles about the robot beyond the reach of its beams: what particles are apart, and the way that it goes while the host answers.
+const MARGIN: i16 = 2;
+/// This share of all tiles, or so many if that is less, is kept free for those that come back.
+const RESERVE_SHARE: usize = 16;
+const RESERVE_MAX: usize = 32;
+/// Without a host this share of all tiles may be outside of the square.
+const WAITING_SHARE: usize = 8;
+/// Tiles on their way to the host.
 const LEAVING: usize = 8;
-/// The home moves when the robot is so far from the middle of its central tile, tiles.
+/// The square moves when the robot is so far from the middle of its central tile, tiles.
 const OFF_CENTRE: f32 = 0.75;
 /// Columns of the plane.
 const PLACE_MAX: f32 = 32_000.0;
+/// Bytes of a tile's squares.
+const TILE_BYTES: usize = 2 * TILE_SIDE * TILE_SIDE;
 /// Room in the queue for what matters more.
-const KEPT_FREE: usize = 2 * TILE_BYTES_MAX;
+const KEPT_FREE: usize = 1200;
 
 const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
-
-/// A map whose tiles can leave and come back.
-pub(super) trait PageStore {
-    /// The first tile that can leave and `is_wanted`.
-    fn find(&self, is_wanted: &mut dyn FnMut(TileAddress) -> bool) -> Option<TileAddress>;
-    /// Writes one into `bytes` (of [`TILE_BYTES_MAX`]); `None` if it cannot leave.
-    fn bytes_of<'b>(&self, address: TileAddress, bytes: &'b mut [u8]) -> Option<&'b [u8]>;
-    /// The host has this one as it is: forgets it now, or when its memory is needed. False if it cannot be let go.
-    fn hand_over(&mut self, address: TileAddress) -> bool;
-    /// Forgets one without a host; false if that is not necessary, because whoever needs memory takes that of the farthest.
-    fn forget(&mut self, address: TileAddress) -> bool;
-    /// Takes one back; `None` if there is no room for it, or if it is none.
-    fn restore(&mut self, page: &Page<'_>, robot: Point2) -> Option<Restored>;
-    /// Tiles that there is memory for.
-    fn capacity(&self) -> usize;
-    /// Of this region everything is here.
-    fn home_is(&mut self, home: &Region);
-}
-
-impl<const SIDE: usize> PageStore for DistributedMap<'_, SIDE> {
-    fn find(&self, is_wanted: &mut dyn FnMut(TileAddress) -> bool) -> Option<TileAddress> {
-        let address = |TilePlace { column, row }| TileAddress { layer: 0, column, row };
-        self.settled_places().map(address).find(|address| is_wanted(*address))
-    }
-
-    fn bytes_of<'b>(&self, address: TileAddress, bytes: &'b mut [u8]) -> Option<&'b [u8]> {
-        self.settled_tile(place_of(address))?.to_bytes(bytes)
-    }
-
-    fn hand_over(&mut self, address: TileAddress) -> bool {
-        self.let_go(place_of(address))
-    }
-
-    fn forget(&mut self, address: TileAddress) -> bool {
-        self.let_go(place_of(address))
-    }
-
-    fn restore(&mut self, page: &Page<'_>, _: Point2) -> Option<Restored> {
-        self.restore(place_of(page.address), Tile::from_bytes(page.bytes)?).ok()
-    }
-
-    fn capacity(&self) -> usize {
-        self.tiles_max()
-    }
-
-    fn home_is(&mut self, _: &Region) {}
-}
-
-impl PageStore for NdtGrid<'_> {
-    fn find(&self, is_wanted: &mut dyn FnMut(TileAddress) -> bool) -> Option<TileAddress> {
-        self.unsaved().find(|address| is_wanted(*address))
-    }
-
-    fn bytes_of<'b>(&self, address: TileAddress, bytes: &'b mut [u8]) -> Option<&'b [u8]> {
-        self.tile_bytes(address, bytes)
-    }
-
-    fn hand_over(&mut self, address: TileAddress) -> bool {
-        self.set_saved(address)
-    }
-
-    fn forget(&mut self, _: TileAddress) -> bool {
-        false
-    }
-
-    fn restore(&mut self, page: &Page<'_>, robot: Point2) -> Option<Restored> {
-        self.restore(page.address, page.bytes, robot).ok()
-    }
-
-    fn capacity(&self) -> usize {
-        self.tiles_max()
-    }
-
-    fn home_is(&mut self, home: &Region) {
-        self.set_home(*home);
-    }
-}
-
-fn place_of(TileAddress { column, row, .. }: TileAddress) -> TilePlace {
-    TilePlace { column, row }
-}
 
 /// What happened so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct PageCounts {
-    /// Pages that the host has and the robot has not any more.
+    /// Tiles that only the host has.
     pub(super) left: u32,
-    /// Pages that came back.
+    /// Tiles that came back.
     pub(super) restored: u32,
-    /// Tiles forgotten for want of a host, and pages for want of room.
+    /// Tiles forgotten for want of a host, and not taken back for want of room.
     pub(super) forgotten: u32,
 }
 
-/// A page that the host has not acknowledged yet.
+/// A tile that the host has not acknowledged yet.
 #[derive(Debug, Clone, Copy)]
 struct Leaving {
-    address: TileAddress,
-    /// Of its bytes: who changes them makes it stay.
+    place: TilePlace,
+    /// Of its squares: who changes them makes it stay.
     crc: u32,
     /// Of the message.
     number: u32,
 }
 
-/// Of one map; see the [module](self).
+/// See the [module](self).
 #[derive(Debug)]
 pub(super) struct Paging {
-    map: PagedMap,
     tile_m: f32,
     /// Tiles from the central one to the edge of the square.
     radius: i16,
-    /// The central tile's column and row.
-    centre: [i16; 2],
+    centre: TilePlace,
     /// Where the home should be; `None` before the first scan.
     square: Option<Region>,
     /// The part of it of which everything is here.
@@ -152,45 +79,53 @@ pub(super) struct Paging {
     leaving: heapless::Vec<Leaving, LEAVING>,
     /// There may be tiles outside of the square.
     is_due: bool,
-    robot: Point2,
     pub(super) counts: PageCounts,
 }
 
 impl Paging {
+    /// For a map in which nothing was seen yet; keeps some of its tiles free.
+    pub(super) fn of(mapping: &mut Mapping<'_>) -> Self {
+        let range_max_m = mapping.config().rays.range_max_m;
+        let map = mapping.map_mut();
+        map.keep_free((map.tiles_max() / RESERVE_SHARE).min(RESERVE_MAX) as u16);
+        let tile_m = TILE_SIDE as f32 * map.square_size_m();
+        // The configuration bounds it: 1000 m over tiles of 8 cm.
+        Self::new(tile_m, floor(range_max_m / tile_m) as i16 + 1 + MARGIN)
+    }
+
     /// For tiles with sides of `tile_m` m, `radius` of them to each side of the robot's.
-    pub(super) fn new(map: PagedMap, tile_m: f32, radius: i16) -> Self {
+    fn new(tile_m: f32, radius: i16) -> Self {
         Self {
-            map,
             tile_m,
             radius,
-            centre: [0, 0],
+            centre: TilePlace::default(),
             square: None,
             home: Region::default(),
             asked: None,
             leaving: heapless::Vec::new(),
             is_due: false,
-            robot: Point2::new(0.0, 0.0),
             counts: PageCounts::default(),
         }
     }
 
-    /// The robot is at `robot` (map frame, m), and has mapped.
-    pub(super) fn drive(&mut self, robot: Point2, store: &mut dyn PageStore) {
-        self.robot = robot;
+    /// The robot has mapped, and goes on from where it is now.
+    pub(super) fn drive(&mut self, mapping: &Mapping<'_>) {
+        self.drive_to(mapping.slam().odometry().map_from_robot().position());
+    }
+
+    fn drive_to(&mut self, robot: Point2) {
         self.is_due = true;
         let in_tiles = |value: f32| (value / self.tile_m).clamp(-PLACE_MAX, PLACE_MAX);
-        let at = [in_tiles(robot.x), in_tiles(robot.y)];
+        let (x, y) = (in_tiles(robot.x), in_tiles(robot.y));
         let is_off = |at: f32, centre: i16| (at - f32::from(centre) - 0.5).abs() > OFF_CENTRE;
-        if self.square.is_none() || is_off(at[0], self.centre[0]) || is_off(at[1], self.centre[1]) {
-            self.centre = at.map(|value| floor(value) as i16);
+        if self.square.is_some() && !is_off(x, self.centre.column) && !is_off(y, self.centre.row) {
+            return;
         }
-        let square = Region::around(self.centre[0], self.centre[1], self.radius);
-        if self.square != Some(square) {
-            // Nothing was seen before the first scan.
-            self.home = if self.square.is_some() { self.home.intersection(&square) } else { square };
-            self.square = Some(square);
-            store.home_is(&self.home);
-        }
+        self.centre = TilePlace { column: floor(x) as i16, row: floor(y) as i16 };
+        let square = Region::around(self.centre, self.radius);
+        // Nothing was seen before the first scan.
+        self.home = if self.square.is_some() { self.home.intersection(&square) } else { square };
+        self.square = Some(square);
     }
 
     /// The host is new: what the last one was asked, this one has not heard.
@@ -199,21 +134,21 @@ impl Paging {
     }
 
     /// The host has given all that it has there.
-    pub(super) fn recalled(&mut self, region: &Region, store: &mut dyn PageStore) {
+    pub(super) fn recalled(&mut self, region: &Region) {
         if let Some(square) = self.square.filter(|_| self.asked == Some(*region)) {
             self.asked = None;
             self.home = self.home.with_side(region).intersection(&square);
-            store.home_is(&self.home);
         }
     }
 
-    /// Takes a page back.
-    pub(super) fn take(&mut self, page: &Page<'_>, store: &mut dyn PageStore) {
-        if self.square.is_some_and(|square| square.contains(page.address)) {
-            match store.restore(page, self.robot) {
-                Some(Restored::Done) => self.counts.restored = self.counts.restored.saturating_add(1),
-                Some(Restored::IsKnown) => {}
-                None => self.counts.forgotten = self.counts.forgotten.saturating_add(1),
+    /// Takes a tile back.
+    pub(super) fn take(&mut self, tile: &TileUpdate<'_>, map: &mut DistributedMap<'_, TILE_SIDE>) {
+        let place = TilePlace { column: tile.column, row: tile.row };
+        if self.square.is_some_and(|square| square.contains(place)) {
+            match Tile::from_bytes(tile.squares).map(|tile| map.restore(place, tile)) {
+                Some(Ok(Restored::Done)) => self.counts.restored = self.counts.restored.saturating_add(1),
+                Some(Ok(Restored::IsKnown)) => {}
+                Some(Err(_)) | None => self.counts.forgotten = self.counts.forgotten.saturating_add(1),
             }
         }
     }
@@ -222,43 +157,50 @@ impl Paging {
     ///
     /// # Errors
     /// [`QueueFullError`] if something waits for room.
-    pub(super) fn run(&mut self, store: &mut dyn PageStore, link: &mut Session<'_>) -> Result<(), QueueFullError> {
+    pub(super) fn run(
+        &mut self,
+        map: &mut DistributedMap<'_, TILE_SIDE>,
+        link: &mut Session<'_>,
+    ) -> Result<(), QueueFullError> {
         let Some(square) = self.square else { return Ok(()) };
-        self.settle(&square, store, link);
+        self.settle(&square, map, link);
         if !link.is_live() {
-            self.forget_surplus(&square, store);
+            self.forget_surplus(&square, map);
             return Ok(());
         }
         if let Some(region) = self.home.next_side_of(&square).filter(|_| self.asked.is_none()) {
-            link.send(&FromRobot::Recall(Recall { map: self.map, region }))?;
+            link.send(&FromRobot::Recall(region))?;
             self.asked = Some(region);
         }
         while self.is_due && !self.leaving.is_full() {
-            let Some(address) = store.find(&mut |address| self.is_outside(&square, address)) else {
+            let outside = map.settled_places().find(|place| self.is_outside(&square, *place));
+            let mut memory = [0; TILE_BYTES];
+            let tile = outside.and_then(|place| Some((place, map.settled_tile(place)?.to_bytes(&mut memory)?)));
+            let Some((place, squares)) = tile else {
                 self.is_due = false;
                 break;
             };
-            let mut memory = [0; TILE_BYTES_MAX];
-            let Some(bytes) = store.bytes_of(address, &mut memory) else { break };
-            if link.queue_room() < bytes.len() + KEPT_FREE {
+            if link.queue_room() < TILE_BYTES + KEPT_FREE {
                 return Err(QueueFullError);
             }
-            let number = link.send(&FromRobot::Left(Page { map: self.map, address, bytes }))?;
-            let _ = self.leaving.push(Leaving { address, crc: CRC32.checksum(bytes), number });
+            let update = TileUpdate { column: place.column, row: place.row, squares };
+            let number = link.send(&FromRobot::Left(update))?;
+            let _ = self.leaving.push(Leaving { place, crc: CRC32.checksum(squares), number });
         }
         Ok(())
     }
 
     /// What was acknowledged, and is as it was sent, goes.
-    fn settle(&mut self, square: &Region, store: &mut dyn PageStore, link: &Session<'_>) {
+    fn settle(&mut self, square: &Region, map: &mut DistributedMap<'_, TILE_SIDE>, link: &Session<'_>) {
         let Self { leaving, counts, is_due, .. } = self;
-        leaving.retain(|page| {
-            if !link.is_acknowledged(page.number) {
+        leaving.retain(|tile| {
+            if !link.is_acknowledged(tile.number) {
                 return true;
             }
-            let mut memory = [0; TILE_BYTES_MAX];
-            let crc = store.bytes_of(page.address, &mut memory).map(|bytes| CRC32.checksum(bytes));
-            if !square.contains(page.address) && crc == Some(page.crc) && store.hand_over(page.address) {
+            let mut memory = [0; TILE_BYTES];
+            let squares = map.settled_tile(tile.place).and_then(|tile| tile.to_bytes(&mut memory));
+            let is_as_sent = squares.is_some_and(|squares| CRC32.checksum(squares) == tile.crc);
+            if is_as_sent && !square.contains(tile.place) && map.let_go(tile.place) {
                 counts.left = counts.left.saturating_add(1);
             }
             *is_due = true;
@@ -266,25 +208,18 @@ impl Paging {
         });
     }
 
-    fn forget_surplus(&mut self, square: &Region, store: &mut dyn PageStore) {
+    fn forget_surplus(&mut self, square: &Region, map: &mut DistributedMap<'_, TILE_SIDE>) {
         while self.is_due {
-            let mut waiting = 0;
-            let surplus = store.find(&mut |address| {
-                waiting += usize::from(self.is_outside(square, address));
-                waiting > store.capacity() / 8
-            });
-            match surplus {
-                Some(address) if store.forget(address) => {
-                    self.counts.forgotten = self.counts.forgotten.saturating_add(1);
-                }
-                _ => self.is_due = false,
-            }
+            let waiting = map.tiles_max() / WAITING_SHARE;
+            let surplus = map.settled_places().filter(|place| self.is_outside(square, *place)).nth(waiting);
+            self.is_due = surplus.is_some_and(|place| map.let_go(place));
+            self.counts.forgotten = self.counts.forgotten.saturating_add(u32::from(self.is_due));
         }
     }
 
     /// True if it is outside of the square, and not on its way yet.
-    fn is_outside(&self, square: &Region, address: TileAddress) -> bool {
-        !square.contains(address) && self.leaving.iter().all(|page| page.address != address)
+    fn is_outside(&self, square: &Region, place: TilePlace) -> bool {
+        !square.contains(place) && self.leaving.iter().all(|tile| tile.place != place)
     }
 }
 

@@ -3,11 +3,10 @@
 use core::fmt::Write as _;
 
 use super::config::RobotConfig;
-use super::exchange::Exchange;
 use super::laser::Laser;
 use super::machine::{Answer, Ports, Robot, Running, Work};
 use super::mapping::Mapping;
-use super::paging::PageCounts;
+use super::paging::{PageCounts, Paging};
 use crate::lrf::driver::{Input as LaserInput, NEVER};
 use crate::time::{Duration, Instant};
 use crate::wire::frame::MAX_FRAME;
@@ -36,15 +35,15 @@ impl Robot<'_> {
                     Ok(ToRobot::Configure(config)) => Some(Request::Configure(config)),
                     Ok(ToRobot::Stop) => Some(Request::Stop),
                     Ok(ToRobot::Restart) => Some(Request::Restart),
-                    Ok(ToRobot::Page(page)) => {
-                        if let Work::Mapping(Running { mapping, exchange, .. }) = &mut self.work {
-                            exchange.take(&page, mapping);
+                    Ok(ToRobot::Tile(tile)) => {
+                        if let Work::Mapping(Running { mapping, paging, .. }) = &mut self.work {
+                            paging.take(&tile, mapping.map_mut());
                         }
                         None
                     }
-                    Ok(ToRobot::Recalled(recall)) => {
-                        if let Work::Mapping(Running { mapping, exchange, .. }) = &mut self.work {
-                            exchange.recalled(&recall, mapping);
+                    Ok(ToRobot::Recalled(region)) => {
+                        if let Work::Mapping(running) = &mut self.work {
+                            running.paging.recalled(&region);
                         }
                         None
                     }
@@ -56,7 +55,7 @@ impl Robot<'_> {
                     self.map_report.forget();
                     self.sweep_report.forget();
                     if let Work::Mapping(running) = &mut self.work {
-                        running.exchange.forget_requests();
+                        running.paging.forget_request();
                     }
                     None
                 }
@@ -92,8 +91,8 @@ impl Robot<'_> {
             }
         };
         let laser = Laser::new(&config.laser, idle.telegram, idle.beams);
-        let exchange = Exchange::new(&mut mapping);
-        self.work = Work::Mapping(Running { laser, laser_deadline: NEVER, mapping, exchange });
+        let paging = Paging::of(&mut mapping);
+        self.work = Work::Mapping(Running { laser, laser_deadline: NEVER, mapping, paging });
         self.answer = Some(Answer::Configured);
         if self.laser_connected {
             self.give_laser(now, LaserInput::Connected, ports);
@@ -127,12 +126,11 @@ impl Robot<'_> {
 
     fn status_now(&self, now: Instant, health: Health) -> Status {
         let pages = match &self.work {
-            Work::Mapping(running) => running.exchange.counts(),
+            Work::Mapping(running) => running.paging.counts,
             Work::Waiting(_) | Work::Nothing => PageCounts::default(),
         };
-        let tiles_forgotten = self.status.tiles_forgotten.saturating_add(pages.forgotten);
-        let (pages_left, pages_restored) = (pages.left, pages.restored);
-        Status { now, health, pages_left, pages_restored, tiles_forgotten, ..self.status }
+        let PageCounts { left: tiles_left, restored: tiles_restored, forgotten: tiles_forgotten } = pages;
+        Status { now, health, tiles_left, tiles_restored, tiles_forgotten, ..self.status }
     }
 
     /// As far as there is room; what is left waits.
@@ -158,7 +156,7 @@ impl Robot<'_> {
             link.send(&FromRobot::Said(words))?;
             let _ = self.said.pop_front();
         }
-        let Some(Running { mapping, exchange, .. }) = running else { return Ok(()) };
+        let Some(Running { mapping, paging, .. }) = running else { return Ok(()) };
         if let Some(segment) = mapping.segment() {
             link.send(&FromRobot::Segment(segment))?;
             mapping.segment_told();
@@ -167,7 +165,7 @@ impl Robot<'_> {
             link.send(&FromRobot::Scan(*pose))?;
             let _ = self.poses.pop_front();
         }
-        exchange.run(mapping, link)?;
+        paging.run(mapping.map_mut(), link)?;
         // A tile that nobody is there for would only be old when somebody comes.
         if link.is_live() {
             self.map_report.run(mapping, link);

@@ -4,8 +4,8 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use super::sweep::SweepPart;
+use crate::distributed_map::Region;
 use crate::geometry::{Point2, Pose2};
-use crate::region::{Region, TileAddress};
 use crate::robot::RobotConfig;
 use crate::time::Instant;
 
@@ -23,11 +23,11 @@ pub enum ToRobot<'a> {
     Stop,
     /// Forget everything, as if power had been off: the robot comes back with another epoch.
     Restart,
-    /// A page that the robot asked for by [`FromRobot::Recall`].
+    /// A tile that the robot asked for by [`FromRobot::Recall`].
     #[serde(borrow)]
-    Page(Page<'a>),
-    /// These were all pages there.
-    Recalled(Recall),
+    Tile(TileUpdate<'a>),
+    /// These were all tiles there.
+    Recalled(Region),
 }
 
 /// From the robot, reliable.
@@ -57,42 +57,12 @@ pub enum FromRobot<'a> {
     /// A part of a scan, before the [`FromRobot::Scan`] with its stamp. Not of every scan: see [`ReportConfig`](crate::robot::ReportConfig).
     #[serde(borrow)]
     Sweep(SweepPart<'a>),
-    /// A page that the robot is about to forget. When this is acknowledged it does, unless it has come back to it, and from then on only
+    /// A tile that the robot is about to forget. When this is acknowledged it does, unless it has come back to it, and from then on only
     /// the host has it.
     #[serde(borrow)]
-    Left(Page<'a>),
-    /// All pages of a region that the robot comes to are to be given back: [`ToRobot::Page`], as many as there are, and then
-    /// [`ToRobot::Recalled`].
-    Recall(Recall),
-}
-
-/// Which of a robot's maps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub enum PagedMap {
-    /// That of the particles: tiles of squares, as [`TileUpdate`] has them.
-    Squares,
-    /// The matcher's reference: tiles of 4 × 4 cells.
-    Cells,
-}
-
-/// A tile that lives with the host while the robot is far from it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Page<'a> {
-    /// The map it belongs to.
-    pub map: PagedMap,
-    /// Where in it.
-    pub address: TileAddress,
-    /// For the robot alone to read, where the map is not [`PagedMap::Squares`].
-    pub bytes: &'a [u8],
-}
-
-/// Pages asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Recall {
-    /// Of this map …
-    pub map: PagedMap,
-    /// … all layers here.
-    pub region: Region,
+    Left(TileUpdate<'a>),
+    /// All tiles that were left in a region are to be given back: [`ToRobot::Tile`], as many as there are, and then [`ToRobot::Recalled`].
+    Recall(Region),
 }
 
 /// What a robot is.
@@ -207,11 +177,11 @@ pub struct Status {
     pub lost_scans: u32,
     /// Scans that would have been told with their beams and found no room in the queue.
     pub untold_sweeps: u32,
-    /// Pages that went to the host.
-    pub pages_left: u32,
-    /// Pages that came back.
-    pub pages_restored: u32,
-    /// Tiles that are lost: no host took them in time, the matcher's memory is full of nearer ones, or there was no room when they came back.
+    /// Map tiles that went to the host.
+    pub tiles_left: u32,
+    /// Map tiles that came back.
+    pub tiles_restored: u32,
+    /// Map tiles that are lost: no host was there for them, or no room when they came back.
     pub tiles_forgotten: u32,
     /// What the board says of itself.
     pub health: Health,

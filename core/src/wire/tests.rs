@@ -1,10 +1,10 @@
 use super::frame::{FrameDecoder, MAX_FRAME, MAX_PAYLOAD, encode};
-use super::message::{FromRobot, PagedMap, Recall, ScanPose, TileUpdate};
+use super::message::{FromRobot, ScanPose, TileUpdate};
 use super::session::{Packet, Progress, Received, Session, SessionMemory, VERSION};
 use super::sweep::for_each_part;
+use crate::distributed_map::Region;
 use crate::geometry::Pose2;
 use crate::random::RandomStream;
-use crate::region::Region;
 use crate::scan::{Beam, Echo, RangeScan};
 use crate::sweep::{Sweep, SweepMotion};
 use crate::time::{Duration, Instant};
@@ -385,7 +385,7 @@ fn examples_of_the_specification_are_what_is_sent() {
     let pose = ScanPose { stamp, number: 7, step: 2, moved: forward, odometry, undetermined: None, is_lost: false };
     let pose = framed(postcard::to_slice(&FromRobot::Scan(pose), &mut memory).unwrap());
     let region = Region { columns: [9, 15], rows: [-7, 8] };
-    let recall = FromRobot::Recall(Recall { map: PagedMap::Cells, region });
+    let recall = FromRobot::Recall(region);
     let recall = framed(postcard::to_slice(&recall, &mut memory).unwrap());
     for example in [&framed(b"123456789"), &packet(hello), &packet(ack), &tile[..14].to_vec(), &recall, &sweep, &pose] {
         assert!(is_in_the_specification(example), "{example:02x?}");

@@ -1,17 +1,18 @@
 //! One conversation with a robot, sans-IO.
 
+use lrfslam_core::distributed_map::{Region, TilePlace};
 use lrfslam_core::robot::RobotConfig;
 use lrfslam_core::time::Instant;
 use lrfslam_core::wire::frame::MAX_FRAME;
-use lrfslam_core::wire::message::{Capacities, FromRobot, Recall, Status, ToRobot};
+use lrfslam_core::wire::message::{Capacities, FromRobot, Status, TileUpdate, ToRobot};
 use lrfslam_core::wire::session::{Progress, QueueFullError, Received, Session, SessionMemory};
 
-use super::pages::Pages;
+use super::map::Tiles;
 
-/// Bytes of requests and pages that wait for the robot: more than all pages that its window can ask for at once.
+/// Bytes of requests and tiles that wait for the robot: more than it can ask for at once.
 const QUEUE: usize = 1 << 20;
-/// Bytes that a page takes in the queue besides its own, at most.
-const PAGE_OVERHEAD: usize = 24;
+/// Bytes that a tile takes in the queue besides its squares, at most.
+const TILE_OVERHEAD: usize = 24;
 /// A robot's window reaches so much farther to each side than its beams: particles apart from one another, and tiles cut at the window's edge.
 const WINDOW_MARGIN_M: f32 = 2.4;
 
@@ -75,7 +76,7 @@ pub struct RobotClient<'m> {
     config: Option<RobotConfig>,
     session: Session<'m>,
     /// What the robot has asked for and not been given yet.
-    recalls: Vec<Recall>,
+    recalls: Vec<Region>,
 }
 
 impl<'m> RobotClient<'m> {
@@ -109,18 +110,20 @@ impl<'m> RobotClient<'m> {
         self.session.send(request).map(|_| ())
     }
 
-    /// Gives the robot what it has asked for; to be called after [`take`](Self::take). `pages` — all that it has left here.
-    pub fn give_back(&mut self, pages: &Pages) {
-        while let Some(recall) = self.recalls.first() {
-            let bytes: usize = pages.asked_for(recall).map(|page| page.bytes.len() + PAGE_OVERHEAD).sum();
-            if self.session.queue_room() < bytes + PAGE_OVERHEAD {
+    /// Gives the robot what it has asked for; to be called after [`take`](Self::take). `left` — all that it has left here.
+    pub fn give_back(&mut self, left: &Tiles) {
+        while let Some(region) = self.recalls.first() {
+            let is_asked = |(column, row): (i16, i16)| region.contains(TilePlace { column, row });
+            let asked = || left.iter().filter(|(place, _)| is_asked(**place));
+            let bytes: usize = asked().map(|(_, squares)| squares.len() + TILE_OVERHEAD).sum();
+            if self.session.queue_room() < bytes + TILE_OVERHEAD {
                 return;
             }
             // There is room for all.
-            for page in pages.asked_for(recall) {
-                let _ = self.session.send(&ToRobot::Page(page));
+            for (&(column, row), squares) in asked() {
+                let _ = self.session.send(&ToRobot::Tile(TileUpdate { column, row, squares }));
             }
-            let _ = self.session.send(&ToRobot::Recalled(*recall));
+            let _ = self.session.send(&ToRobot::Recalled(*region));
             self.recalls.remove(0);
         }
     }
@@ -140,7 +143,7 @@ impl<'m> RobotClient<'m> {
                     let told = Told { at, bytes };
                     match told.message() {
                         Some(FromRobot::Identity(identity)) => introduced = Some(identity.capacities),
-                        Some(FromRobot::Recall(recall)) => self.recalls.push(recall),
+                        Some(FromRobot::Recall(region)) => self.recalls.push(region),
                         _ => {}
                     }
                     sink(RobotEvent::Message(told));

@@ -5,10 +5,9 @@ use std::collections::BTreeMap;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::grid::CellIndex;
 use lrfslam_core::robot::RobotConfig;
-use lrfslam_core::wire::message::{Capacities, FromRobot, Page, PagedMap, ScanPose, Segment, TileUpdate};
+use lrfslam_core::wire::message::{Capacities, FromRobot, ScanPose, Segment, TileUpdate};
 
 use super::client::fitted;
-use super::pages::Pages;
 use super::render::render;
 use crate::high_slam::Correction;
 use crate::map_run::LowLevel;
@@ -20,6 +19,10 @@ use crate::trajectory::TimedPose;
 /// Tiles by column and row.
 pub type Tiles = BTreeMap<(i16, i16), Vec<u8>>;
 
+fn put(tiles: &mut Tiles, tile: &TileUpdate<'_>) {
+    tiles.insert((tile.column, tile.row), tile.squares.to_vec());
+}
+
 /// What a robot has told so far.
 #[derive(Debug, Clone)]
 pub struct RobotMap {
@@ -28,7 +31,8 @@ pub struct RobotMap {
     segments: Vec<Segment>,
     scans: Vec<ScanPose>,
     tiles: Tiles,
-    pages: Pages,
+    /// The newest that the robot left at each place; one that was given back stays: the robot may be reset before it has it.
+    left: Tiles,
     /// Tiles told since the robot began to tell the whole map.
     told: u32,
     is_complete: bool,
@@ -39,7 +43,7 @@ impl LowLevel for RobotMap {
     fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> anyhow::Result<Pose2> {
         let frame_from_robot = self.scans.last().map_or(Pose2::IDENTITY, |scan| scan.odometry);
         let frame_from_map = frame_from_robot * correction.map_from_robot.inverse();
-        self.pages = render(&self.config, frame_from_map, correction, scans)?;
+        self.left = render(&self.config, frame_from_map, correction, scans)?;
         Ok(frame_from_robot)
     }
 
@@ -72,7 +76,7 @@ impl RobotMap {
             segments: Vec::new(),
             scans: Vec::new(),
             tiles: Tiles::new(),
-            pages: Pages::default(),
+            left: Tiles::new(),
             told: 0,
             is_complete: false,
         }
@@ -87,10 +91,13 @@ impl RobotMap {
             }
             FromRobot::Segment(segment) => self.segments.push(segment.clone()),
             FromRobot::Scan(scan) => self.scans.push(*scan),
-            FromRobot::Tile(tile) => self.take_tile(tile),
+            FromRobot::Tile(tile) => {
+                put(&mut self.tiles, tile);
+                self.told += 1;
+            }
             FromRobot::MapBegin => self.begin_whole_map(),
             FromRobot::MapEnd(tiles) => self.is_complete = self.told == *tiles,
-            FromRobot::Left(page) => self.pages.keep(page),
+            FromRobot::Left(tile) => put(&mut self.left, tile),
             FromRobot::Recall(_)
             | FromRobot::Configured
             | FromRobot::Refused(_)
@@ -99,22 +106,16 @@ impl RobotMap {
         }
     }
 
-    fn take_tile(&mut self, tile: &TileUpdate<'_>) {
-        self.tiles.insert((tile.column, tile.row), tile.squares.to_vec());
-        self.told += 1;
-    }
-
-    /// What the robot has in its memory follows; of the rest of its map only the pages are left.
+    /// What the robot has in its memory follows; of the rest of its map only what it left here is valid.
     fn begin_whole_map(&mut self) {
-        let pages = self.pages.of(PagedMap::Squares);
-        self.tiles = pages.map(|Page { address, bytes, .. }| ((address.column, address.row), bytes.to_vec())).collect();
+        self.tiles.clone_from(&self.left);
         self.told = 0;
         self.is_complete = false;
     }
 
     /// What it has left with this host.
-    pub fn pages(&self) -> &Pages {
-        &self.pages
+    pub fn left(&self) -> &Tiles {
+        &self.left
     }
 
     /// How the matching went, as far as the robot tells.

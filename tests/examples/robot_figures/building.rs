@@ -19,7 +19,7 @@ use lrfslam_core::wire::session::Progress;
 use lrfslam_firmware_sim::virtual_lrf::recording::{RecordedLaser, RecordedScan};
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::log::LogScan;
-use lrfslam_host::robot::{Pages, RobotRun, Told};
+use lrfslam_host::robot::{RobotRun, Tiles, Told};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
 use lrfslam_tests::robot_rig::{Build, HostDisk, LineFaults, MakeMemory, PoolSize, RobotRig, Tally};
 
@@ -94,8 +94,8 @@ impl HostDisk for Heard {
         self.run.progress()
     }
 
-    fn pages(&self) -> Option<&Pages> {
-        Some(self.run.map().pages())
+    fn left(&self) -> Option<&Tiles> {
+        Some(self.run.map().left())
     }
 }
 
@@ -233,8 +233,8 @@ fn finish(
     let wall_s = started.elapsed().as_secs_f64();
     println!("{} of {} scans mapped, {lost} of them lost", tally.scans, scans.len());
     println!("{dropped} particles dropped, {} left; {tiles} map tiles at most", status.particles);
-    let Status { pages_left, pages_restored, tiles_forgotten, .. } = status;
-    println!("{pages_left} pages left with the host, {pages_restored} taken back, {tiles_forgotten} tiles forgotten");
+    let Status { tiles_left, tiles_restored, tiles_forgotten, .. } = status;
+    println!("{tiles_left} map tiles left with the host, {tiles_restored} taken back, {tiles_forgotten} forgotten");
     println!("{ndt_evicted} of the matcher's tiles forgotten, {ndt_dropped} points found no room in it");
     println!(
         "{} scans' poses told, {sweeps} of them with their beams, {} without for want of room",

@@ -2,7 +2,7 @@
 
 use lrfslam_core::wire::message::FromRobot;
 use lrfslam_core::wire::session::Progress;
-use lrfslam_host::robot::{Pages, RobotMap, Sweeps, Told};
+use lrfslam_host::robot::{RobotMap, Sweeps, Tiles, Told};
 
 /// Where a host stores what it hears; it outlives the host.
 pub trait HostDisk {
@@ -13,7 +13,9 @@ pub trait HostDisk {
     fn progress(&self) -> Option<Progress>;
 
     /// What the robot has left here, once something was heard of it.
-    fn pages(&self) -> Option<&Pages>;
+    fn left(&self) -> Option<&Tiles> {
+        None
+    }
 }
 
 /// All that a host has heard of one life of a robot.
@@ -74,7 +76,7 @@ impl HostDisk for Disk {
         self.progress
     }
 
-    fn pages(&self) -> Option<&Pages> {
-        self.lives.last().map(|life| life.map.pages())
+    fn left(&self) -> Option<&Tiles> {
+        self.lives.last().map(|life| life.map.left())
     }
 }

@@ -237,7 +237,7 @@ impl<D: HostDisk> RobotRig<D> {
                 RobotEvent::OtherVersion(version) => panic!("version {version}"),
             });
         }
-        disk.pages().into_iter().for_each(|pages| host.give_back(pages));
+        disk.left().into_iter().for_each(|left| host.give_back(left));
         if now >= host.session().deadline() {
             host.session().timeout(now);
         }

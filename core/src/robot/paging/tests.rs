@@ -1,6 +1,8 @@
 use super::*;
+use crate::ancestry::{Ancestry, Node, NodeId};
+use crate::distributed_map::{MapMemory, ParticleMapConfig, Print, TileHeader, TileId, Window, WindowFrame};
 use crate::geometry::Pose2;
-use crate::ndt::{DirectoryEntry, NdtConfig, NdtTile};
+use crate::rays::Ray;
 use crate::time::{Duration, Instant};
 use crate::wire::frame::MAX_FRAME;
 use crate::wire::message::ToRobot;
@@ -10,27 +12,56 @@ use std::collections::HashMap;
 use std::vec;
 use std::vec::Vec;
 
-const CONFIG: NdtConfig = NdtConfig {
-    cell_size_m: 0.5,
-    overlapping: false,
-    points_min: 3,
-    count_max: 240,
-    eigenvalue_ratio_min: 0.001,
-    noise_m: 0.02,
-};
+const CONFIG: ParticleMapConfig = ParticleMapConfig { square_size_m: 0.125, print_step: 1 };
 /// Side of a tile, m.
-const TILE_M: f32 = 2.0;
+const TILE_M: f32 = 1.0;
 /// How far the robot sees, m.
-const SEEN_M: f32 = 8.0;
+const SEEN_M: f32 = 4.0;
+/// Tiles to each side of the robot's.
+const RADIUS: i16 = 6;
 
-fn session(epoch: u32) -> Session<'static> {
-    let (queue, frame) = (Box::leak(vec![0; 8192].into()), Box::leak(vec![0; MAX_FRAME].into()));
-    Session::new(epoch, None, SessionMemory { queue, frame })
+fn leak<T: Clone>(value: T, count: usize) -> &'static mut [T] {
+    Box::leak(vec![value; count].into())
 }
 
-fn grid(side: usize, tiles: usize) -> NdtGrid<'static> {
-    let directory = Box::leak(vec![DirectoryEntry::EMPTY; side * side].into());
-    NdtGrid::new(&CONFIG, directory, Box::leak(vec![NdtTile::EMPTY; tiles].into())).unwrap()
+fn session(epoch: u32) -> Session<'static> {
+    Session::new(epoch, None, SessionMemory { queue: leak(0, 65_536), frame: leak(0, MAX_FRAME) })
+}
+
+/// The map of one particle.
+struct OneMap {
+    tree: Ancestry<'static>,
+    map: DistributedMap<'static, TILE_SIDE>,
+    window: Window<'static>,
+}
+
+impl OneMap {
+    fn new(tiles: usize) -> Self {
+        let memory = MapMemory {
+            tiles: leak(Tile::UNSEEN, tiles),
+            headers: leak(TileHeader::FREE, tiles),
+            node_tiles: leak(TileId::NONE, 2),
+            directory: leak(TileId::NONE, 256),
+        };
+        let map = DistributedMap::new(&CONFIG, memory).unwrap();
+        let tree = Ancestry::new(leak(Node::FREE, 2)).unwrap();
+        Self { tree, map, window: Window::new(leak(TileId::NONE, 256)).unwrap() }
+    }
+
+    fn print(&mut self, rays: &[Ray], pose: Pose2) {
+        let reach = Point2::new(SEEN_M, SEEN_M);
+        let frame = WindowFrame::around(pose.position() - reach, pose.position() + reach, 16, TILE_M);
+        self.window.open(&self.map, &self.tree, frame, NodeId::ROOT);
+        Print::new(rays, pose).run(&mut self.map, &mut self.window).unwrap();
+    }
+
+    fn tiles(&self) -> HashMap<TilePlace, Vec<u8>> {
+        let bytes = |place: TilePlace| {
+            let mut memory = [0; TILE_BYTES];
+            self.map.settled_tile(place).unwrap().to_bytes(&mut memory).unwrap().to_vec()
+        };
+        self.map.settled_places().map(|place| (place, bytes(place))).collect()
+    }
 }
 
 /// A robot with little memory beside one with plenty, and a host.
@@ -39,10 +70,10 @@ struct Pair {
     robot: Session<'static>,
     host: Session<'static>,
     paging: Paging,
-    small: NdtGrid<'static>,
-    large: NdtGrid<'static>,
-    pages: HashMap<(i16, i16), Vec<u8>>,
-    asked: Vec<Recall>,
+    small: OneMap,
+    large: OneMap,
+    left: HashMap<TilePlace, Vec<u8>>,
+    asked: Vec<Region>,
     answers: bool,
 }
 
@@ -52,10 +83,10 @@ impl Pair {
             now: Instant::default(),
             robot: session(1),
             host: session(2),
-            paging: Paging::new(PagedMap::Cells, TILE_M, 6),
-            small: grid(16, 90),
-            large: grid(128, 4000),
-            pages: HashMap::new(),
+            paging: Paging::new(TILE_M, RADIUS),
+            small: OneMap::new(120),
+            large: OneMap::new(4000),
+            left: HashMap::new(),
             asked: Vec::new(),
             answers: true,
         };
@@ -80,10 +111,10 @@ impl Pair {
         let (_, received) = self.host.take(self.now, frame);
         if let Some(Received::Reliable(message)) = received {
             match postcard::from_bytes(message).unwrap() {
-                FromRobot::Left(Page { address, bytes, .. }) => {
-                    self.pages.insert((address.column, address.row), bytes.to_vec());
+                FromRobot::Left(TileUpdate { column, row, squares }) => {
+                    self.left.insert(TilePlace { column, row }, squares.to_vec());
                 }
-                FromRobot::Recall(recall) => self.asked.push(recall),
+                FromRobot::Recall(region) => self.asked.push(region),
                 other => panic!("{other:?}"),
             }
         }
@@ -92,14 +123,12 @@ impl Pair {
     }
 
     fn answer(&mut self) {
-        for recall in self.asked.drain(..).filter(|_| self.answers) {
-            for ((column, row), bytes) in &self.pages {
-                let address = TileAddress { layer: 0, column: *column, row: *row };
-                if recall.region.contains(address) {
-                    self.host.send(&ToRobot::Page(Page { map: PagedMap::Cells, address, bytes })).unwrap();
-                }
+        for region in self.asked.drain(..).filter(|_| self.answers) {
+            for (place, squares) in self.left.iter().filter(|(place, _)| region.contains(**place)) {
+                let tile = TileUpdate { column: place.column, row: place.row, squares };
+                self.host.send(&ToRobot::Tile(tile)).unwrap();
             }
-            self.host.send(&ToRobot::Recalled(recall)).unwrap();
+            self.host.send(&ToRobot::Recalled(region)).unwrap();
         }
     }
 
@@ -109,115 +138,82 @@ impl Pair {
         let (_, received) = self.robot.take(self.now, frame);
         if let Some(Received::Reliable(message)) = received {
             match postcard::from_bytes(message).unwrap() {
-                ToRobot::Page(page) => self.paging.take(&page, &mut self.small),
-                ToRobot::Recalled(recall) => self.paging.recalled(&recall.region, &mut self.small),
+                ToRobot::Tile(tile) => self.paging.take(&tile, &mut self.small.map),
+                ToRobot::Recalled(region) => self.paging.recalled(&region),
                 other => panic!("{other:?}"),
             }
         }
         true
     }
 
-    /// The robot sees both walls of a corridor from (`x`, 0).
+    /// The robot sees what is about (`x`, 0), and the link has time for what that brings.
     fn see_from(&mut self, x: f32) {
-        let along = (0..80).map(|i| 0.2 * i as f32 - SEEN_M);
-        let points: Vec<Point2> = along.flat_map(|x| [Point2::new(x, 1.3), Point2::new(x, -1.3)]).collect();
-        let pose = Pose2::new(x, 0.0, 0.0);
-        self.large.insert(&points, pose);
-        let report = self.small.insert(&points, pose);
-        assert_eq!((report.dropped, report.evicted), (0, 0), "at {x} m");
-        self.paging.drive(pose.position(), &mut self.small);
+        let ray = |index: u8| {
+            let (sin, cos) = crate::math::sin_cos(f32::from(index) * 0.1);
+            Ray { direction: Point2::new(cos, sin), length_m: 1.0 + 0.05 * f32::from(index % 60), hit: index % 3 > 0 }
+        };
+        let rays: Vec<Ray> = (0..63).map(ray).collect();
+        let pose = Pose2::new(x, 0.1, 0.3 * x);
+        self.large.print(&rays, pose);
+        self.small.print(&rays, pose);
+        self.paging.drive_to(pose.position());
         for _ in 0..4 {
-            let _ = self.paging.run(&mut self.small, &mut self.robot);
+            let _ = self.paging.run(&mut self.small.map, &mut self.robot);
             self.exchange();
         }
     }
 
-    /// What the robot sees, and what it holds, as the large memory has it.
+    /// About the robot the small memory holds what the large one holds, and together with the host's everything.
     fn compare(&self, x: f32) {
-        let mut compared = 0;
-        for address in self.large.addresses() {
-            let distance = (TILE_M * (f32::from(address.column) + 0.5) - x).abs();
-            let is_here = self.small.addresses().any(|other| other == address);
-            assert!(is_here || distance > SEEN_M, "{address:?} at {x} m");
-            let mut memory = [[0; TILE_BYTES_MAX]; 2];
-            let [a, b] = &mut memory;
-            assert!(!is_here || self.large.tile_bytes(address, a) == self.small.tile_bytes(address, b), "{address:?}");
-            compared += usize::from(is_here);
+        let (large, small) = (self.large.tiles(), self.small.tiles());
+        for (place, tile) in &large {
+            let is_near = (TILE_M * (f32::from(place.column) + 0.5) - x).abs() < SEEN_M;
+            let here = small.get(place);
+            assert!(here.is_some() || !is_near, "{place:?} at {x} m");
+            assert_eq!(here.or_else(|| self.left.get(place)), Some(tile), "{place:?} at {x} m");
         }
-        assert!(compared > 10);
+        assert!(small.keys().all(|place| large.contains_key(place)));
     }
 }
 
 #[test]
 fn map_about_the_robot_is_that_of_a_larger_memory() {
     let mut pair = Pair::new();
-    pair.see_from(0.0);
-    for step in (0..250).chain((0..250).rev()).chain(0..60) {
-        pair.see_from(0.4 * step as f32);
-        pair.compare(0.4 * step as f32);
+    for step in (0..300).chain((0..300).rev()).chain(0..100) {
+        let x = 0.2 * step as f32;
+        pair.see_from(x);
+        pair.compare(x);
     }
     let PageCounts { left, restored, forgotten } = pair.paging.counts;
-    assert!(left > 150 && restored > 80 && forgotten == 0, "{:?}", pair.paging.counts);
+    assert!(pair.large.map.tiles_used() > 400, "{}", pair.large.map.tiles_used());
+    assert!(left > 600 && restored > 300 && forgotten == 0, "{:?}", pair.paging.counts);
 }
 
 #[test]
 fn unanswered_requests_are_made_again_to_the_next_host() {
     let mut pair = Pair::new();
-    for step in 0..100 {
-        pair.see_from(0.4 * step as f32);
-    }
+    (0..200).for_each(|step| pair.see_from(0.2 * step as f32));
     pair.answers = false;
-    for step in (20..100).rev() {
-        pair.see_from(0.4 * step as f32);
-    }
+    (60..200).rev().for_each(|step| pair.see_from(0.2 * step as f32));
     assert_eq!(pair.paging.counts.restored, 0);
-    // The next host has the last one's pages.
+    // The next host has the last one's tiles.
     pair.answers = true;
     pair.paging.forget_request();
-    for step in (0..20).rev() {
-        pair.see_from(0.4 * step as f32);
-    }
-    assert!(pair.paging.counts.restored > 0 && pair.small.addresses().any(|address| address.column == -4));
-}
-
-/// Tiles with nothing in them.
-struct Shelf(Vec<TileAddress>);
-
-impl PageStore for Shelf {
-    fn find(&self, is_wanted: &mut dyn FnMut(TileAddress) -> bool) -> Option<TileAddress> {
-        self.0.iter().copied().find(|address| is_wanted(*address))
-    }
-    fn bytes_of<'b>(&self, _: TileAddress, bytes: &'b mut [u8]) -> Option<&'b [u8]> {
-        bytes.get(..0)
-    }
-    fn hand_over(&mut self, address: TileAddress) -> bool {
-        self.forget(address)
-    }
-    fn forget(&mut self, address: TileAddress) -> bool {
-        self.0.retain(|other| *other != address);
-        true
-    }
-    fn restore(&mut self, page: &Page<'_>, _: Point2) -> Option<Restored> {
-        self.0.push(page.address);
-        Some(Restored::Done)
-    }
-    fn capacity(&self) -> usize {
-        80
-    }
-    fn home_is(&mut self, _: &Region) {}
+    (20..60).rev().for_each(|step| pair.see_from(0.2 * step as f32));
+    assert!(pair.paging.counts.restored > 0);
+    assert_eq!(pair.paging.home, pair.paging.square.unwrap());
 }
 
 #[test]
 fn without_a_host_a_share_of_the_memory_waits_and_the_rest_is_forgotten() {
-    let mut link = session(1);
-    let mut paging = Paging::new(PagedMap::Squares, TILE_M, 2);
-    let mut shelf = Shelf(Vec::new());
-    for column in 0..60 {
-        shelf.0.push(TileAddress { layer: 0, column, row: 0 });
-        paging.drive(Point2::new(TILE_M * (f32::from(column) + 0.5), 0.0), &mut shelf);
-        paging.run(&mut shelf, &mut link).unwrap();
+    let mut pair = Pair::new();
+    pair.robot.disconnected();
+    for step in 0..300 {
+        pair.see_from(0.2 * step as f32);
+        let square = pair.paging.square.unwrap();
+        let outside = pair.small.map.settled_places().filter(|place| !square.contains(*place)).count();
+        assert!(outside <= 119 / WAITING_SHARE, "{outside}");
     }
-    // Two behind the robot and its own, and an eighth of 80 that wait.
-    assert_eq!(shelf.0.len(), 3 + 10);
-    assert_eq!(paging.counts, PageCounts { left: 0, restored: 0, forgotten: 60 - 13 });
+    let PageCounts { left, restored, forgotten } = pair.paging.counts;
+    assert!(left == 0 && restored == 0 && forgotten > 200, "{:?}", pair.paging.counts);
 }

@@ -2,16 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A tile of one of several maps that lie over one another.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct TileAddress {
-    /// Which map; 0 if there is one.
-    pub layer: u8,
-    /// It covers `[column, column + 1) × [row, row + 1)` times its side.
-    pub column: i16,
-    /// See `column`.
-    pub row: i16,
-}
+use super::TilePlace;
 
 /// Tiles from the first column and row to before the last.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -23,15 +14,15 @@ pub struct Region {
 }
 
 impl Region {
-    /// The tiles at most `radius` columns and rows from (`column`, `row`).
-    pub fn around(column: i16, row: i16, radius: i16) -> Self {
+    /// The tiles at most `radius` columns and rows from that at `centre`.
+    pub fn around(centre: TilePlace, radius: i16) -> Self {
         let along = |centre: i16| [centre.saturating_sub(radius), centre.saturating_add(radius).saturating_add(1)];
-        Self { columns: along(column), rows: along(row) }
+        Self { columns: along(centre.column), rows: along(centre.row) }
     }
 
-    /// True if the tile is in it, whatever its layer.
-    pub fn contains(&self, tile: TileAddress) -> bool {
-        (self.columns[0]..self.columns[1]).contains(&tile.column) && (self.rows[0]..self.rows[1]).contains(&tile.row)
+    /// True if the tile is in it.
+    pub fn contains(&self, TilePlace { column, row }: TilePlace) -> bool {
+        (self.columns[0]..self.columns[1]).contains(&column) && (self.rows[0]..self.rows[1]).contains(&row)
     }
 
     /// True if no tile is in it.
@@ -84,19 +75,23 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn around(column: i16, row: i16, radius: i16) -> Region {
+        Region::around(TilePlace { column, row }, radius)
+    }
+
     #[test]
     fn around_a_tile() {
-        let region = Region::around(3, -2, 1);
+        let region = around(3, -2, 1);
         assert_eq!(region, Region { columns: [2, 5], rows: [-3, 0] });
-        let contains = |column, row| region.contains(TileAddress { layer: 0, column, row });
+        let contains = |column, row| region.contains(TilePlace { column, row });
         assert!(contains(2, -1) && !contains(5, -1) && !contains(2, 0));
-        assert_eq!(Region::around(i16::MAX, i16::MIN, 7).columns, [i16::MAX - 7, i16::MAX]);
+        assert_eq!(around(i16::MAX, i16::MIN, 7).columns, [i16::MAX - 7, i16::MAX]);
     }
 
     #[test]
     fn side_that_does_not_fit_adds_nothing() {
-        let part = Region::around(0, 0, 2);
-        for other in [Region::around(9, 0, 3), Region { columns: [3, 5], rows: [0, 2] }] {
+        let part = around(0, 0, 2);
+        for other in [around(9, 0, 3), Region { columns: [3, 5], rows: [0, 2] }] {
             assert_eq!(part.with_side(&other), part);
         }
     }
@@ -104,8 +99,8 @@ mod tests {
     proptest! {
         #[test]
         fn sides_complete_any_part(whole in (-40_i16..40, -40_i16..40, 1_i16..12), part in (-40_i16..40, -40_i16..40, 0_i16..12)) {
-            let whole = Region::around(whole.0, whole.1, whole.2);
-            let mut part = Region::around(part.0, part.1, part.2).intersection(&whole);
+            let whole = around(whole.0, whole.1, whole.2);
+            let mut part = around(part.0, part.1, part.2).intersection(&whole);
             let mut sides = 0;
             while let Some(side) = part.next_side_of(&whole) {
                 prop_assert!(!side.is_empty() && part.intersection(&side).is_empty());
