@@ -15,7 +15,7 @@ pub struct ConfigError {
     /// What it was.
     pub value: heapless::String<24>,
     /// What would be right.
-    pub expected: heapless::String<96>,
+    pub expected: heapless::String<48>,
 }
 
 /// One field of a section, as listed for people.
@@ -48,9 +48,9 @@ pub trait Section {
         let mut error = ConfigError { field, value: heapless::String::new(), expected: heapless::String::new() };
         self.visit(&mut |listed| {
             if listed.name == field {
-                // A text that does not fit is cut: values and bounds are short by construction.
+                // A text that does not fit is left out: values and bounds are short by construction.
                 let _ = listed.value.write_toml(&mut error.value);
-                error.expected.clone_from(&listed.expected);
+                let _ = error.expected.push_str(&listed.expected);
             }
         });
         Err(error)

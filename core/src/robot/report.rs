@@ -78,6 +78,11 @@ impl<'m> MapReport<'m> {
         self.task = Task::Begin;
     }
 
+    /// True while the whole map is being told: no tile may leave it then.
+    pub(super) fn is_telling_whole(&self) -> bool {
+        matches!(self.task, Task::Begin | Task::Whole { .. })
+    }
+
     /// Queues what there is room for.
     pub(super) fn run(&mut self, mapping: &Mapping<'_>, link: &mut Session<'_>) {
         let done = match self.task {

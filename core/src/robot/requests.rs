@@ -18,7 +18,9 @@ const STATUS_EVERY: Duration = Duration::from_millis(250);
 /// From a request to start anew to doing so: its acknowledgement goes out first, or the host would ask the next life again. Long enough
 /// for the host to ask once more if it was lost.
 const RESTART_AFTER: Duration = Duration::from_millis(1000);
-/// What changes more than the maps' memory.
+/// What changes more than the map's memory.
+// A request lives for a moment on the stack.
+#[allow(clippy::large_enum_variant)]
 enum Request {
     Configure(RobotConfig),
     Stop,
@@ -165,7 +167,9 @@ impl Robot<'_> {
             link.send(&FromRobot::Scan(*pose))?;
             let _ = self.poses.pop_front();
         }
-        paging.run(mapping.map_mut(), link)?;
+        if !self.map_report.is_telling_whole() {
+            paging.run(mapping.map_mut(), link)?;
+        }
         // A tile that nobody is there for would only be old when somebody comes.
         if link.is_live() {
             self.map_report.run(mapping, link);

@@ -135,6 +135,16 @@ impl<D: HostDisk> RobotRig<D> {
         self.host = None;
     }
 
+    /// The robot's end of the host's line is pulled out.
+    pub fn unplug_link(&mut self) {
+        self.give(Input::LinkDisconnected);
+    }
+
+    /// … and put in again.
+    pub fn plug_link(&mut self) {
+        self.give(Input::LinkConnected);
+    }
+
     /// The robot's power goes off and on, and its laser out.
     pub fn reset_robot(&mut self) {
         self.plug_laser(false);

@@ -150,7 +150,7 @@ impl Pair {
     fn see_from(&mut self, x: f32) {
         let ray = |index: u8| {
             let (sin, cos) = crate::math::sin_cos(f32::from(index) * 0.1);
-            Ray { direction: Point2::new(cos, sin), length_m: 1.0 + 0.05 * f32::from(index % 60), hit: index % 3 > 0 }
+            Ray { direction: Point2::new(cos, sin), length_m: 1.0 + 0.05 * f32::from(index % 60), hit: index & 3 > 0 }
         };
         let rays: Vec<Ray> = (0..63).map(ray).collect();
         let pose = Pose2::new(x, 0.1, 0.3 * x);
