@@ -20,13 +20,14 @@ use crate::world::ros_map::{RosMapError, add_map};
 use crate::world::wall::{Corridor, Room, Wall};
 
 /// The worlds that come with the program: name, what it is, and its file.
-pub const LIBRARY: [(&str, &str, &str); 6] = [
+pub const LIBRARY: [(&str, &str, &str); 7] = [
     ("room", "a room of 6 m by 4 m, the robot turning slowly within", include_str!("../worlds/room.toml")),
     ("floor", "a small floor of rooms and a corridor: the example log", include_str!("../worlds/floor.toml")),
     ("office", "an office floor of 36 m by 24 m whose corridors close loops", include_str!("../worlds/office.toml")),
     ("demo", "the office floor with a shorter drive and a laser that tilts", include_str!("../worlds/demo.toml")),
     ("corridor", "a corridor of 60 m", include_str!("../worlds/corridor.toml")),
     ("loop", "a loop of 60 m by 40 m, as in figure 3.11 of the thesis", include_str!("../worlds/loop.toml")),
+    ("maze", "a maze of thin walls seen from both sides", include_str!("../worlds/maze.toml")),
 ];
 
 /// Why a world cannot be had.
@@ -261,6 +262,9 @@ mod tests {
     use crate::scene::Scene;
     use lrfslam_core::time::Instant;
 
+    use crate::drive::FloorPose;
+    use crate::world::Vector;
+
     fn fault(text: &str) -> String {
         Scenario::parse(text, "w.toml", Path::new("")).unwrap_err().to_string()
     }
@@ -272,6 +276,19 @@ mod tests {
             for degrees in -90..90 {
                 let range = scene.range_m(Instant::default(), f64::from(degrees).to_radians());
                 assert!(range.is_some_and(|range| range > 0.1), "{name} {degrees}: {range:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn robots_drive_through_nothing() {
+        for (name, _, _) in LIBRARY {
+            let scenario = Scenario::load(name).unwrap();
+            let Some(end) = scenario.drive().end() else { continue };
+            for at in (0..end.micros).step_by(100_000).map(Instant::from_micros) {
+                let FloorPose { x, y, .. } = scenario.drive().pose(at);
+                let distance = scenario.world.distance_m(&Vector::new(x, y, scenario.robot.laser_m[2]));
+                assert!(distance > 0.1, "{name}: {distance} m from a surface at ({x}, {y})");
             }
         }
     }
