@@ -28,6 +28,8 @@ enum Request {
 }
 
 impl Robot<'_> {
+    // Not in one stack frame with the mapping of a scan.
+    #[inline(never)]
     pub(super) fn take_link(&mut self, now: Instant, bytes: &[u8], ports: &mut impl Ports) {
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -109,6 +111,8 @@ impl Robot<'_> {
     }
 
     /// Queues what there is to say, most important first, and sends what the port has room for.
+    // As above.
+    #[inline(never)]
     pub(super) fn tell_host(&mut self, now: Instant, ports: &mut impl Ports) {
         // Who comes now is to meet the robot that it will be.
         if self.restart_at == NEVER {
