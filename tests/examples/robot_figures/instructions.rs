@@ -46,15 +46,18 @@ struct Told {
     pose: [u32; 3],
 }
 
-pub fn instructions(log: &Path, scans: usize) -> anyhow::Result<()> {
-    let all = read(log, &RunConfig::default())?;
+pub fn instructions(log: &Path, scans: usize, leave_out: usize) -> anyhow::Result<()> {
+    let mut all = read(log, &RunConfig::default())?;
+    all.truncate(scans);
+    let first = (all.len() - leave_out.min(all.len())) / 2;
+    all.drain(first..(first + leave_out).min(all.len()));
     let robot_from_lrf = mounting(&all);
     for (machine, mut config, beams) in
         [("mps2-an500", RobotConfig::default(), 682), ("mps2-an386-compact", compact(), 384)]
     {
         config.robot_from_lrf = robot_from_lrf;
         let Some(mcu) = Mcu::find(&format!("{machine}-figures")) else { return Ok(()) };
-        let scans: Vec<LogScan> = all.iter().take(scans).map(|scan| thinned(scan, beams)).collect();
+        let scans: Vec<LogScan> = all.iter().map(|scan| thinned(scan, beams)).collect();
         let (told, stack) = run(&mcu, &encode(&config, &scans)?)?;
         ensure!(told.len() == scans.len(), "{} of {} scans came back", told.len(), scans.len());
         println!("\n{machine}: {}, {} scans, stack {stack} bytes", log.display(), scans.len());
@@ -64,6 +67,7 @@ pub fn instructions(log: &Path, scans: usize) -> anyhow::Result<()> {
         let done = map(&mut Mapping::new(&config, memory)?, &scans);
         let here = done.poses.iter().map(|pose| [pose.x, pose.y, pose.heading].map(f32::to_bits));
         let equal = here.zip(&told).filter(|(here, told)| *here == told.pose).count();
+        println!("{} lost", done.tally.lost);
         println!("{equal} of {} poses equal those of this computer bit for bit", told.len());
     }
     Ok(())

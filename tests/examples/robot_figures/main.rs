@@ -42,6 +42,9 @@ enum Command {
         log: PathBuf,
         /// So many from the log's start
         scans: usize,
+        /// The middle of them is left out, so many: the robot is lost behind it
+        #[arg(long, value_name = "N", default_value_t = 0)]
+        leave_out: usize,
     },
     /// A whole log through laser, robot, link and host, on a virtual clock
     Building(building::BuildingArgs),
@@ -51,7 +54,7 @@ fn main() -> anyhow::Result<()> {
     match &Arguments::parse().command {
         Command::Accuracy { log, truth } => accuracy::accuracy(log, truth.as_deref()),
         Command::Distance { log, path, other } => accuracy::distance(log, path, other.as_deref()),
-        Command::Instructions { log, scans } => instructions::instructions(log, *scans),
+        Command::Instructions { log, scans, leave_out } => instructions::instructions(log, *scans, *leave_out),
         Command::Building(args) => building::building(args),
     }
 }
