@@ -164,7 +164,8 @@ impl MapRun<'_> {
         let high = HighSlam::restored(&self.config.high_slam(), &saved.path, saved.scans.clone());
         let mut high = high.with_context(|| folder.join(saved_map::FILE_NAME).display().to_string())?;
         if let Some(correction) = high.drive_on_from(start) {
-            self.low.correct(&correction, high.scans())?;
+            let low_pose = self.low.correct(&correction, high.scans())?;
+            high.low_goes_on_from(low_pose);
         }
         self.high = Some(high);
         self.continues = Some(folder.display().to_string());

@@ -91,6 +91,12 @@ pub struct RobotCounts {
     pub refused_scans: u32,
     /// Particles that went because no map tile was free.
     pub dropped_particles: u32,
+    /// Map tiles that the robot left with its host.
+    pub tiles_left: u32,
+    /// Map tiles that it took back.
+    pub tiles_restored: u32,
+    /// Map tiles that are lost: no host was there for them, or no room when they came back.
+    pub tiles_forgotten: u32,
     /// Scans and replies of the laser refused because something in them was wrong.
     pub damaged: u32,
     /// Sessions with the laser begun anew after trouble.

@@ -239,7 +239,7 @@ impl<'d> Bench<'d> {
                 map.take(&message);
             }
         });
-        client.give_back(self.drive.map.left());
+        client.give_back(self.drive.map.to_give_back());
         let session = client.session();
         if now >= session.deadline() {
             session.timeout(now);

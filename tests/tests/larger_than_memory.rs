@@ -5,12 +5,14 @@ use lrfslam_core::time::Duration;
 use lrfslam_core::wire::message::{Status, ToRobot};
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
-use lrfslam_tests::robot_rig::{Build, Disk, Life, LineFaults, PoolSize, RobotRig};
+use lrfslam_tests::robot_rig::{Build, Disk, Life, LineFaults, PoolSize, RobotRig, Tally};
 
 /// Until then the robot is configured.
 const LASER_AT: Duration = Duration::from_millis(6000);
 /// Once along the corridors of the floor, through a room and home.
-const DRIVE: Duration = Duration::from_millis(150_000);
+const DRIVES: usize = 15;
+const DRIVE: Duration = Duration::from_millis(9500);
+const PAUSE: Duration = Duration::from_millis(500);
 
 /// Tiles of the small memory.
 const TILES: usize = 260;
@@ -27,10 +29,18 @@ fn config() -> RobotConfig {
     config
 }
 
-/// What the host has, how the robot is, and most tiles that it had in use at a time.
-///
-/// * `is_alone` — the host is away while the robot drives, and so no tile leaves it
-fn drive(tiles: usize, is_alone: bool, faults: LineFaults) -> (Life, Status, usize) {
+/// What becomes of the host while the robot drives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Host {
+    Stays,
+    /// … so that no tile leaves the robot.
+    IsAway,
+    /// … now and then, and goes on half a second later with what it has stored.
+    IsKilled,
+}
+
+/// What the host has, how the robot is, and what it did.
+fn drive(tiles: usize, host: Host, faults: LineFaults) -> (Life, Status, Tally) {
     let scene = Box::new(Scenario::load("floor").expect("comes with the program").scene());
     let device = VirtualHokuyo::new(HokuyoModel::urg_04lx_ug01(), scene, 1);
     let memory = Box::new(move || Build::Standard.memory(&[PoolSize::Tiles(tiles)]));
@@ -38,32 +48,60 @@ fn drive(tiles: usize, is_alone: bool, faults: LineFaults) -> (Life, Status, usi
     rig.set_faults(faults, 1);
     rig.start();
     rig.run_for(LASER_AT);
-    if is_alone {
+    if host == Host::IsAway {
         rig.unplug_link();
     }
     rig.plug_laser(true);
-    rig.run_for(DRIVE);
+    for _ in 0..DRIVES {
+        rig.run_for(DRIVE);
+        if host == Host::IsKilled {
+            rig.kill_host();
+        }
+        rig.run_for(PAUSE);
+        if host == Host::IsKilled {
+            rig.start_host(true);
+        }
+    }
     rig.plug_laser(false);
-    if is_alone {
+    if host == Host::IsAway {
         rig.plug_link();
     }
     rig.ask(&ToRobot::Stop);
     rig.run_until(|rig| rig.disk.lives.last().is_some_and(|life| life.map.is_complete()));
     rig.run_for(Duration::from_millis(1000));
-    (rig.disk.lives.remove(0), rig.status, rig.tally.tiles)
+    (rig.disk.lives.remove(0), rig.status, rig.tally)
 }
 
 #[test]
 fn map_and_poses_are_those_of_a_robot_with_memory_for_all() {
-    let (large, status, in_use) = drive(20_000, true, LineFaults::default());
+    let (large, status, with_large) = drive(20_000, Host::IsAway, LineFaults::default());
     let tiles = large.map.tiles().len();
     assert_eq!((status.tiles_forgotten, status.dropped_particles), (0, 0));
-    assert!(in_use >= tiles, "all of its map was in its memory");
-    for faults in [LineFaults::default(), LineFaults::all(0.01)] {
-        let (small, status, _) = drive(TILES, false, faults);
+    assert!(with_large.tiles >= tiles, "all of its map was in its memory");
+    let good = LineFaults::default();
+    for (host, faults) in [(Host::Stays, good), (Host::Stays, LineFaults::all(0.01)), (Host::IsKilled, good)] {
+        let (small, status, with_small) = drive(TILES, host, faults);
         assert!(TILES < tiles && status.tiles_left > 100 && status.tiles_restored > 20, "{tiles}, {status:?}");
         assert_eq!((status.tiles_forgotten, status.dropped_particles), (0, 0), "{status:?}");
-        assert_eq!(small.map.scans().last(), large.map.scans().last(), "{faults:?}");
-        assert!(small.map.tiles() == large.map.tiles(), "{faults:?}");
+        assert_eq!((with_small.scans, with_small.poses), (with_large.scans, with_large.poses), "{host:?} {faults:?}");
+        assert!(small.map.tiles() == large.map.tiles(), "{host:?} {faults:?}");
     }
+}
+
+#[test]
+fn robot_whose_host_is_silent_forgets_tiles_and_maps_on() {
+    let scene = Box::new(Scenario::load("floor").expect("comes with the program").scene());
+    let device = VirtualHokuyo::new(HokuyoModel::urg_04lx_ug01(), scene, 1);
+    let memory = Box::new(move || Build::Standard.memory(&[PoolSize::Tiles(TILES)]));
+    let mut rig = RobotRig::with(Disk::default(), memory, Box::new(device), &config());
+    rig.start();
+    rig.run_for(LASER_AT);
+    rig.plug_laser(true);
+    // A serial line does not say that nobody is there any more.
+    rig.kill_host();
+    (0..DRIVES).for_each(|_| rig.run_for(DRIVE));
+    rig.start_host(true);
+    rig.run_for(Duration::from_millis(5000));
+    let Status { tiles_forgotten, dropped_particles, tiles, .. } = rig.status;
+    assert!(tiles_forgotten > 20 && dropped_particles == 0 && usize::from(tiles) < TILES, "{:?}", rig.status);
 }

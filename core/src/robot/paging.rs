@@ -13,10 +13,10 @@
 //! where it was before a loop by as much as the loop is open, and the host, which closes loops by what the robot says that it has moved, would
 //! count that twice.
 
-use crc::{CRC_32_ISO_HDLC, Crc};
-
 use super::mapping::Mapping;
 use super::pools::TILE_SIDE;
+use super::report::{CRC32, TILE_BYTES};
+use super::sweep_report::KEPT_FREE;
 use crate::distributed_map::{DistributedMap, Region, Restored, Tile, TilePlace};
 use crate::geometry::Point2;
 use crate::math::floor;
@@ -36,16 +36,10 @@ const LEAVING: usize = 8;
 const OFF_CENTRE: f32 = 0.75;
 /// Columns of the plane.
 const PLACE_MAX: f32 = 32_000.0;
-/// Bytes of a tile's squares.
-const TILE_BYTES: usize = 2 * TILE_SIDE * TILE_SIDE;
-/// Room in the queue for what matters more.
-const KEPT_FREE: usize = 1200;
-
-const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// What happened so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) struct PageCounts {
+pub(super) struct TileCounts {
     /// Tiles that only the host has.
     pub(super) left: u32,
     /// Tiles that came back.
@@ -76,10 +70,12 @@ pub(super) struct Paging {
     /// The part of it of which everything is here.
     home: Region,
     asked: Option<Region>,
+    /// The part of it that has been in the square ever since.
+    awaited: Region,
     leaving: heapless::Vec<Leaving, LEAVING>,
     /// There may be tiles outside of the square.
     is_due: bool,
-    pub(super) counts: PageCounts,
+    pub(super) counts: TileCounts,
 }
 
 impl Paging {
@@ -89,7 +85,7 @@ impl Paging {
         let map = mapping.map_mut();
         map.keep_free((map.tiles_max() / RESERVE_SHARE).min(RESERVE_MAX) as u16);
         let tile_m = TILE_SIDE as f32 * map.square_size_m();
-        // The configuration bounds it: 1000 m over tiles of 8 cm.
+        // The configuration bounds it: 200 m over tiles of 8 cm.
         Self::new(tile_m, floor(range_max_m / tile_m) as i16 + 1 + MARGIN)
     }
 
@@ -102,9 +98,10 @@ impl Paging {
             square: None,
             home: Region::default(),
             asked: None,
+            awaited: Region::default(),
             leaving: heapless::Vec::new(),
             is_due: false,
-            counts: PageCounts::default(),
+            counts: TileCounts::default(),
         }
     }
 
@@ -125,6 +122,7 @@ impl Paging {
         let square = Region::around(self.centre, self.radius);
         // Nothing was seen before the first scan.
         self.home = if self.square.is_some() { self.home.intersection(&square) } else { square };
+        self.awaited = self.awaited.intersection(&square);
         self.square = Some(square);
     }
 
@@ -135,9 +133,11 @@ impl Paging {
 
     /// The host has given all that it has there.
     pub(super) fn recalled(&mut self, region: &Region) {
-        if let Some(square) = self.square.filter(|_| self.asked == Some(*region)) {
+        if self.asked == Some(*region) {
             self.asked = None;
-            self.home = self.home.with_side(region).intersection(&square);
+            if !self.awaited.is_empty() {
+                self.home = self.home.with_side(&self.awaited);
+            }
         }
     }
 
@@ -153,24 +153,29 @@ impl Paging {
         }
     }
 
-    /// Lets go what the host has, asks for what is missing, and sends what is outside, as far as the queue has room.
+    /// Lets go what the host has; without a host, what is too much.
+    pub(super) fn let_go(&mut self, map: &mut DistributedMap<'_, TILE_SIDE>, link: &Session<'_>) {
+        if let Some(square) = self.square {
+            self.settle(&square, map, link);
+            if is_alone(link) {
+                self.forget_surplus(&square, map);
+            }
+        }
+    }
+
+    /// Asks for what is missing, and sends what is outside, as far as the queue has room.
     ///
     /// # Errors
     /// [`QueueFullError`] if something waits for room.
     pub(super) fn run(
         &mut self,
-        map: &mut DistributedMap<'_, TILE_SIDE>,
+        map: &DistributedMap<'_, TILE_SIDE>,
         link: &mut Session<'_>,
     ) -> Result<(), QueueFullError> {
-        let Some(square) = self.square else { return Ok(()) };
-        self.settle(&square, map, link);
-        if !link.is_live() {
-            self.forget_surplus(&square, map);
-            return Ok(());
-        }
+        let Some(square) = self.square.filter(|_| !is_alone(link)) else { return Ok(()) };
         if let Some(region) = self.home.next_side_of(&square).filter(|_| self.asked.is_none()) {
             link.send(&FromRobot::Recall(region))?;
-            self.asked = Some(region);
+            (self.asked, self.awaited) = (Some(region), region);
         }
         while self.is_due && !self.leaving.is_full() {
             let outside = map.settled_places().find(|place| self.is_outside(&square, *place));
@@ -221,6 +226,11 @@ impl Paging {
     fn is_outside(&self, square: &Region, place: TilePlace) -> bool {
         !square.contains(place) && self.leaving.iter().all(|tile| tile.place != place)
     }
+}
+
+/// True if no host takes anything.
+fn is_alone(link: &Session<'_>) -> bool {
+    !link.is_live() || link.is_silent()
 }
 
 #[cfg(test)]

@@ -14,7 +14,8 @@ pub(super) const TILE_BYTES: usize = 2 * TILE_SIDE * TILE_SIDE;
 /// Most places that one pass can tell apart.
 const PLACES: usize = 1024;
 
-const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// Of a tile's squares.
+pub(super) const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// The tile that the host has at one place.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

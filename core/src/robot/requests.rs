@@ -6,7 +6,7 @@ use super::config::RobotConfig;
 use super::laser::Laser;
 use super::machine::{Answer, Ports, Robot, Running, Work};
 use super::mapping::Mapping;
-use super::paging::{PageCounts, Paging};
+use super::paging::{Paging, TileCounts};
 use crate::lrf::driver::{Input as LaserInput, NEVER};
 use crate::time::{Duration, Instant};
 use crate::wire::frame::MAX_FRAME;
@@ -18,7 +18,8 @@ const STATUS_EVERY: Duration = Duration::from_millis(250);
 /// From a request to start anew to doing so: its acknowledgement goes out first, or the host would ask the next life again. Long enough
 /// for the host to ask once more if it was lost.
 const RESTART_AFTER: Duration = Duration::from_millis(1000);
-/// What changes more than the map's memory.
+
+/// What is asked of the robot as a whole, without the message that it came in.
 // A request lives for a moment on the stack.
 #[allow(clippy::large_enum_variant)]
 enum Request {
@@ -131,21 +132,26 @@ impl Robot<'_> {
     }
 
     fn status_now(&self, now: Instant, health: Health) -> Status {
-        let pages = match &self.work {
+        let counts = match &self.work {
             Work::Mapping(running) => running.paging.counts,
-            Work::Waiting(_) | Work::Nothing => PageCounts::default(),
+            Work::Waiting(_) | Work::Nothing => TileCounts::default(),
         };
-        let PageCounts { left: tiles_left, restored: tiles_restored, forgotten: tiles_forgotten } = pages;
+        let TileCounts { left: tiles_left, restored: tiles_restored, forgotten: tiles_forgotten } = counts;
         Status { now, health, tiles_left, tiles_restored, tiles_forgotten, ..self.status }
     }
 
     /// As far as there is room; what is left waits.
     fn queue_messages(&mut self) -> Result<(), QueueFullError> {
         let link = &mut self.link;
-        let running = match &mut self.work {
+        let mut running = match &mut self.work {
             Work::Mapping(running) => Some(running),
             Work::Waiting(_) | Work::Nothing => None,
         };
+        let is_telling_whole = self.map_report.is_telling_whole();
+        if let Some(Running { mapping, paging, .. }) = running.as_deref_mut().filter(|_| !is_telling_whole) {
+            // Also if nothing can be said: then more than ever.
+            paging.let_go(mapping.map_mut(), link);
+        }
         if self.owes_identity {
             let (board, capacities, is_configured) = (self.board, self.capacities, running.is_some());
             link.send(&FromRobot::Identity(Identity { board, is_configured, capacities }))?;
@@ -171,7 +177,7 @@ impl Robot<'_> {
             link.send(&FromRobot::Scan(*pose))?;
             let _ = self.poses.pop_front();
         }
-        if !self.map_report.is_telling_whole() {
+        if !is_telling_whole {
             paging.run(mapping.map_mut(), link)?;
         }
         // A tile that nobody is there for would only be old when somebody comes.

@@ -17,8 +17,8 @@ crate::config! {
     }
 }
 
-/// Room in the queue that scans leave to what matters more.
-const KEPT_FREE: usize = 1200;
+/// Room in the queue that scans and tiles leave to what matters more.
+pub(super) const KEPT_FREE: usize = 1200;
 
 /// See the [module](self).
 #[derive(Debug, Default)]

@@ -73,6 +73,11 @@ impl<'m> Conversation<'m> {
         self.resend_at = NEVER;
     }
 
+    /// Something waits, and the other end has not answered for some seconds.
+    pub(super) fn is_silent(&self) -> bool {
+        self.back_off >= RESEND_LONGEST && self.queue.base() != self.queue.end()
+    }
+
     pub(super) fn set_credit(&mut self, credit: u16) {
         self.owes_ack |= credit != self.credit;
         self.credit = credit;

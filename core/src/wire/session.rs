@@ -111,6 +111,11 @@ impl<'m> Session<'m> {
         self.conversation.is_live
     }
 
+    /// True if the other end seems to be gone, on a line that does not say so: messages wait, and for some seconds nothing was acknowledged.
+    pub fn is_silent(&self) -> bool {
+        self.conversation.is_silent()
+    }
+
     /// How far this end has come with the other's messages; to be stored together with them.
     pub fn progress(&self) -> Option<Progress> {
         self.conversation.peer

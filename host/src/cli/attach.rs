@@ -146,7 +146,7 @@ fn this_epoch() -> u32 {
 fn serve(link: &mut RobotLink<'_>, book: &mut Book<'_>) {
     link.serve(LISTEN, &mut |event| book.take(event));
     if let Some(run) = &book.run {
-        link.client().give_back(run.map().left());
+        link.client().give_back(run.map().to_give_back());
     }
 }
 

@@ -79,12 +79,16 @@ fn laser_notes(laser: &LaserCounts) -> Vec<Note> {
 }
 
 fn robot_notes(robot: &RobotCounts) -> Vec<Note> {
-    let RobotCounts { missing_scans, untold_sweeps, refused_scans, dropped_particles, .. } = *robot;
+    let RobotCounts { missing_scans, untold_sweeps, refused_scans, dropped_particles, tiles_forgotten, .. } = *robot;
     vec![
         (!robot.is_from_start, "the path begins where this host came, not where the robot began".to_owned()),
         (!robot.is_map_complete, "the robot has not told all of its map: robot-map.pgm is what came".to_owned()),
         (missing_scans > 0, format!("{missing_scans} scans were lost while the link was away for too long")),
         (untold_sweeps > 0, format!("{untold_sweeps} scans came without their beams: the link is too slow")),
+        (
+            tiles_forgotten > 0,
+            format!("{tiles_forgotten} tiles of the robot's map are lost: its memory was full while no host was there"),
+        ),
         (refused_scans > 0, format!("{refused_scans} scans have more beams than the robot has memory for (--cluster)")),
         (dropped_particles > 0, format!("{dropped_particles} particles went because the robot's memory was full")),
         (robot.restarts > 0, format!("the robot started its laser anew {} times", robot.restarts)),

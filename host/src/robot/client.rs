@@ -1,5 +1,8 @@
 //! One conversation with a robot, sans-IO.
 
+use std::collections::VecDeque;
+use std::ops::Bound;
+
 use lrfslam_core::distributed_map::{Region, TilePlace};
 use lrfslam_core::robot::RobotConfig;
 use lrfslam_core::time::Instant;
@@ -9,10 +12,8 @@ use lrfslam_core::wire::session::{Progress, QueueFullError, Received, Session, S
 
 use super::map::Tiles;
 
-/// Bytes of requests and tiles that wait for the robot: more than it can ask for at once.
-const QUEUE: usize = 1 << 20;
-/// Bytes that a tile takes in the queue besides its squares, at most.
-const TILE_OVERHEAD: usize = 24;
+/// Bytes of requests and tiles that wait for the robot.
+const QUEUE: usize = 16_384;
 /// A robot's window reaches so much farther to each side than its beams: particles apart from one another, and tiles cut at the window's edge.
 const WINDOW_MARGIN_M: f32 = 2.4;
 
@@ -24,6 +25,14 @@ pub(super) fn fitted(config: &RobotConfig, capacities: &Capacities) -> RobotConf
         f32::from(capacities.window_side) * f32::from(capacities.tile_side) * config.particle_map.square_size_m;
     config.rays.range_max_m = config.rays.range_max_m.min(0.5 * window_m - WINDOW_MARGIN_M).max(1.0);
     config
+}
+
+/// A region whose tiles the robot has asked for.
+#[derive(Debug)]
+struct Recall {
+    region: Region,
+    /// The last that it was given.
+    given: Option<(i16, i16)>,
 }
 
 /// The memory that a [`RobotClient`] works in.
@@ -76,7 +85,7 @@ pub struct RobotClient<'m> {
     config: Option<RobotConfig>,
     session: Session<'m>,
     /// What the robot has asked for and not been given yet.
-    recalls: Vec<Region>,
+    recalls: VecDeque<Recall>,
 }
 
 impl<'m> RobotClient<'m> {
@@ -85,7 +94,7 @@ impl<'m> RobotClient<'m> {
     /// * `epoch` — another number than that of the last run; `resume` — how far that one had come
     pub fn new(config: &RobotConfig, epoch: u32, resume: Option<Progress>, memory: &'m mut ClientMemory) -> Self {
         let memory = SessionMemory { queue: &mut memory.queue, frame: &mut memory.frame };
-        Self { config: Some(*config), session: Session::new(epoch, resume, memory), recalls: Vec::new() }
+        Self { config: Some(*config), session: Session::new(epoch, resume, memory), recalls: VecDeque::new() }
     }
 
     /// The session below.
@@ -110,21 +119,25 @@ impl<'m> RobotClient<'m> {
         self.session.send(request).map(|_| ())
     }
 
-    /// Gives the robot what it has asked for; to be called after [`take`](Self::take). `left` — all that it has left here.
-    pub fn give_back(&mut self, left: &Tiles) {
-        while let Some(region) = self.recalls.first() {
+    /// Gives the robot what it has asked for, as far as the queue has room; to be called after [`take`](Self::take).
+    ///
+    /// * `tiles` — what there is to be given back
+    pub fn give_back(&mut self, tiles: &Tiles) {
+        while let Some(Recall { region, given }) = self.recalls.front_mut() {
+            let from = given.map_or(Bound::Unbounded, Bound::Excluded);
             let is_asked = |(column, row): (i16, i16)| region.contains(TilePlace { column, row });
-            let asked = || left.iter().filter(|(place, _)| is_asked(**place));
-            let bytes: usize = asked().map(|(_, squares)| squares.len() + TILE_OVERHEAD).sum();
-            if self.session.queue_room() < bytes + TILE_OVERHEAD {
+            let next = tiles.range((from, Bound::Unbounded)).find(|(place, _)| is_asked(**place));
+            let answer = match next {
+                Some((&(column, row), squares)) => ToRobot::Tile(TileUpdate { column, row, squares }),
+                None => ToRobot::Recalled(*region),
+            };
+            if self.session.send(&answer).is_err() {
                 return;
             }
-            // There is room for all.
-            for (&(column, row), squares) in asked() {
-                let _ = self.session.send(&ToRobot::Tile(TileUpdate { column, row, squares }));
+            match next {
+                Some((place, _)) => *given = Some(*place),
+                None => drop(self.recalls.pop_front()),
             }
-            let _ = self.session.send(&ToRobot::Recalled(*region));
-            self.recalls.remove(0);
         }
     }
 
@@ -143,7 +156,7 @@ impl<'m> RobotClient<'m> {
                     let told = Told { at, bytes };
                     match told.message() {
                         Some(FromRobot::Identity(identity)) => introduced = Some(identity.capacities),
-                        Some(FromRobot::Recall(region)) => self.recalls.push(region),
+                        Some(FromRobot::Recall(region)) => self.recalls.push_back(Recall { region, given: None }),
                         _ => {}
                     }
                     sink(RobotEvent::Message(told));

@@ -33,6 +33,8 @@ pub struct RobotMap {
     tiles: Tiles,
     /// The newest that the robot left at each place; one that was given back stays: the robot may be reset before it has it.
     left: Tiles,
+    /// What it is given back instead once a loop was closed: the corrected map, and what it has left since.
+    corrected: Option<Tiles>,
     /// Tiles told since the robot began to tell the whole map.
     told: u32,
     is_complete: bool,
@@ -43,7 +45,9 @@ impl LowLevel for RobotMap {
     fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> anyhow::Result<Pose2> {
         let frame_from_robot = self.scans.last().map_or(Pose2::IDENTITY, |scan| scan.odometry);
         let frame_from_map = frame_from_robot * correction.map_from_robot.inverse();
-        self.left = render(&self.config, frame_from_map, correction, scans)?;
+        if let Some(corrected) = render(&self.config, frame_from_map, correction, scans)? {
+            self.corrected = Some(corrected);
+        }
         Ok(frame_from_robot)
     }
 
@@ -77,6 +81,7 @@ impl RobotMap {
             scans: Vec::new(),
             tiles: Tiles::new(),
             left: Tiles::new(),
+            corrected: None,
             told: 0,
             is_complete: false,
         }
@@ -97,7 +102,10 @@ impl RobotMap {
             }
             FromRobot::MapBegin => self.begin_whole_map(),
             FromRobot::MapEnd(tiles) => self.is_complete = self.told == *tiles,
-            FromRobot::Left(tile) => put(&mut self.left, tile),
+            FromRobot::Left(tile) => {
+                put(&mut self.left, tile);
+                self.corrected.iter_mut().for_each(|corrected| put(corrected, tile));
+            }
             FromRobot::Recall(_)
             | FromRobot::Configured
             | FromRobot::Refused(_)
@@ -113,9 +121,9 @@ impl RobotMap {
         self.is_complete = false;
     }
 
-    /// What it has left with this host.
-    pub fn left(&self) -> &Tiles {
-        &self.left
+    /// What it is given back when it asks: what it has left with this host, or the corrected map.
+    pub fn to_give_back(&self) -> &Tiles {
+        self.corrected.as_ref().unwrap_or(&self.left)
     }
 
     /// How the matching went, as far as the robot tells.

@@ -124,6 +124,7 @@ impl RobotRun {
 
     fn counts(&self, damaged_frames: u32) -> RobotCounts {
         let Status { untold_sweeps, refused_scans, dropped_particles, damaged, restarts, .. } = self.status;
+        let Status { tiles_left, tiles_restored, tiles_forgotten, .. } = self.status;
         RobotCounts {
             board: self.board.clone(),
             is_from_start: self.map().is_from_start(),
@@ -132,6 +133,9 @@ impl RobotRun {
             untold_sweeps,
             refused_scans,
             dropped_particles,
+            tiles_left,
+            tiles_restored,
+            tiles_forgotten,
             damaged,
             restarts,
             damaged_frames,

@@ -16,18 +16,46 @@ use crate::{MappedPath, compact, map, mounting, read, thinned};
 /// Of the robot's random numbers, one run each.
 const SEEDS: [u64; 3] = [1, 2, 3];
 
-/// Mean distance between where the hits lie by one path and by another, m.
-fn map_error(scans: &[LogScan], poses: &[Pose2], truth: &[Pose2]) -> f64 {
-    let (mut sum, mut count) = (0.0, 0_u64);
+/// Mean distance between where the hits lie by one path and by another, m: as the paths are, and after the rigid motion that brings one map best
+/// onto the other.
+struct MapError {
+    in_place: f64,
+    aligned: f64,
+}
+
+fn map_error(scans: &[LogScan], poses: &[Pose2], truth: &[Pose2]) -> MapError {
     let robot_from_lrf = mounting(scans);
-    for ((scan, pose), truth) in scans.iter().zip(poses).zip(truth) {
-        for hit in scan.beams.iter().filter_map(|beam| beam.hit_in_lrf()) {
+    let hits = scans.iter().zip(poses).zip(truth).flat_map(|((scan, pose), truth)| {
+        let hits = scan.beams.iter().filter_map(|beam| beam.hit_in_lrf());
+        hits.map(move |hit| {
             let hit = robot_from_lrf.transform(hit);
-            sum += f64::from((pose.transform(hit) - truth.transform(hit)).norm());
-            count += 1;
-        }
+            [pose.transform(hit), truth.transform(hit)].map(|hit| [f64::from(hit.x), f64::from(hit.y)])
+        })
+    });
+    let pairs: Vec<[[f64; 2]; 2]> = hits.collect();
+    let count = pairs.len().max(1) as f64;
+    let mean = |which: usize, axis: usize| pairs.iter().map(|pair| pair[which][axis]).sum::<f64>() / count;
+    let centres = [[mean(0, 0), mean(0, 1)], [mean(1, 0), mean(1, 1)]];
+    let centred =
+        |pair: &[[f64; 2]; 2]| [0, 1].map(|which| [0, 1].map(|axis| pair[which][axis] - centres[which][axis]));
+    // The heading of the best rotation: Umeyama 1991, in the plane.
+    let (mut sin, mut cos) = (0.0, 0.0);
+    for [[ax, ay], [bx, by]] in pairs.iter().map(centred) {
+        (sin, cos) = (sin + ax * by - ay * bx, cos + ax * bx + ay * by);
     }
-    sum / count.max(1) as f64
+    let (sin, cos) = f64::atan2(sin, cos).sin_cos();
+    let rotated = |[x, y]: [f64; 2]| [cos * x - sin * y, sin * x + cos * y];
+    let distance = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| (ax - bx).hypot(ay - by);
+    MapError {
+        in_place: pairs.iter().map(|[a, b]| distance(*a, *b)).sum::<f64>() / count,
+        aligned: pairs.iter().map(centred).map(|[a, b]| distance(rotated(a), b)).sum::<f64>() / count,
+    }
+}
+
+impl std::fmt::Display for MapError {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(out, "{:.3} m ({:.3} m in place)", self.aligned, self.in_place)
+    }
 }
 
 fn on_this_computer(scans: &[LogScan]) -> anyhow::Result<Vec<Pose2>> {
@@ -46,12 +74,9 @@ pub fn accuracy(log: &Path, truth: Option<&Path>) -> anyhow::Result<()> {
     let truth = truth.map(|path| true_poses(path, &scans)).transpose()?;
     println!("{}: {} scans", log.display(), scans.len());
     let report = |name: &str, poses: &[Pose2]| {
-        let from_truth = truth.as_ref().map(|truth| format!("{:.3}", map_error(&scans, poses, truth)));
-        let from_truth = from_truth.unwrap_or("-".into());
-        println!(
-            "{name:<24} map error {from_truth:>6} m from the truth, {:.3} m from this computer",
-            map_error(&scans, poses, &computer)
-        );
+        let from_truth = truth.as_ref().map(|truth| format!("{} from the truth, ", map_error(&scans, poses, truth)));
+        let from_truth = from_truth.unwrap_or_default();
+        println!("{name:<24} map error {from_truth}{} from this computer", map_error(&scans, poses, &computer));
     };
     report("this computer", &computer);
     let thin: Vec<LogScan> = scans.iter().map(|scan| thinned(scan, 384)).collect();
@@ -80,7 +105,7 @@ pub fn distance(log: &Path, path: &Path, other: Option<&Path>) -> anyhow::Result
         Ok(poses.iter().map(|pose| pose.map_from_robot).collect())
     };
     let other = other.map_or_else(|| on_this_computer(&scans), poses)?;
-    println!("map error {:.3} m", map_error(&scans, &poses(path)?, &other));
+    println!("map error {}", map_error(&scans, &poses(path)?, &other));
     Ok(())
 }
 

@@ -94,8 +94,8 @@ impl HostDisk for Heard {
         self.run.progress()
     }
 
-    fn left(&self) -> Option<&Tiles> {
-        Some(self.run.map().left())
+    fn to_give_back(&self) -> Option<&Tiles> {
+        Some(self.run.map().to_give_back())
     }
 }
 

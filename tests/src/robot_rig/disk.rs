@@ -12,8 +12,8 @@ pub trait HostDisk {
     /// How far the robot's messages have come.
     fn progress(&self) -> Option<Progress>;
 
-    /// What the robot has left here, once something was heard of it.
-    fn left(&self) -> Option<&Tiles> {
+    /// What the robot is given back when it asks.
+    fn to_give_back(&self) -> Option<&Tiles> {
         None
     }
 }
@@ -76,7 +76,7 @@ impl HostDisk for Disk {
         self.progress
     }
 
-    fn left(&self) -> Option<&Tiles> {
-        self.lives.last().map(|life| life.map.left())
+    fn to_give_back(&self) -> Option<&Tiles> {
+        self.lives.last().map(|life| life.map.to_give_back())
     }
 }

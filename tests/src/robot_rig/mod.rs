@@ -247,7 +247,7 @@ impl<D: HostDisk> RobotRig<D> {
                 RobotEvent::OtherVersion(version) => panic!("version {version}"),
             });
         }
-        disk.left().into_iter().for_each(|left| host.give_back(left));
+        disk.to_give_back().into_iter().for_each(|tiles| host.give_back(tiles));
         if now >= host.session().deadline() {
             host.session().timeout(now);
         }

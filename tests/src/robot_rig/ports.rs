@@ -1,5 +1,8 @@
 //! What the robot does to its ports, and what it says of its scans on the way.
 
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
+
+use lrfslam_core::geometry::Pose2;
 use lrfslam_core::robot::{Mapped, Ports};
 use lrfslam_core::wire::message::Health;
 
@@ -18,6 +21,8 @@ pub struct Tally {
     pub ndt_dropped: u32,
     /// Tiles of it that were forgotten for nearer ones.
     pub ndt_evicted: u32,
+    /// Fingerprint of all poses so far, bit by bit.
+    pub poses: u64,
 }
 
 impl Tally {
@@ -25,6 +30,10 @@ impl Tally {
     pub fn add(&mut self, mapped: &Mapped) {
         let odometry = &mapped.report.odometry;
         self.scans += 1;
+        let Pose2 { x, y, heading } = mapped.report.map_from_robot;
+        let mut hasher = DefaultHasher::new();
+        (self.poses, [x, y, heading].map(f32::to_bits)).hash(&mut hasher);
+        self.poses = hasher.finish();
         self.lost += u32::from(odometry.is_lost);
         self.ndt_dropped += odometry.inserted.dropped;
         self.ndt_evicted += odometry.inserted.evicted;

@@ -158,7 +158,8 @@ impl Pair {
         self.small.print(&rays, pose);
         self.paging.drive_to(pose.position());
         for _ in 0..4 {
-            let _ = self.paging.run(&mut self.small.map, &mut self.robot);
+            self.paging.let_go(&mut self.small.map, &self.robot);
+            let _ = self.paging.run(&self.small.map, &mut self.robot);
             self.exchange();
         }
     }
@@ -184,7 +185,7 @@ fn map_about_the_robot_is_that_of_a_larger_memory() {
         pair.see_from(x);
         pair.compare(x);
     }
-    let PageCounts { left, restored, forgotten } = pair.paging.counts;
+    let TileCounts { left, restored, forgotten } = pair.paging.counts;
     assert!(pair.large.map.tiles_used() > 400, "{}", pair.large.map.tiles_used());
     assert!(left > 600 && restored > 300 && forgotten == 0, "{:?}", pair.paging.counts);
 }
@@ -214,6 +215,6 @@ fn without_a_host_a_share_of_the_memory_waits_and_the_rest_is_forgotten() {
         let outside = pair.small.map.settled_places().filter(|place| !square.contains(*place)).count();
         assert!(outside <= 119 / WAITING_SHARE, "{outside}");
     }
-    let PageCounts { left, restored, forgotten } = pair.paging.counts;
+    let TileCounts { left, restored, forgotten } = pair.paging.counts;
     assert!(left == 0 && restored == 0 && forgotten > 200, "{:?}", pair.paging.counts);
 }

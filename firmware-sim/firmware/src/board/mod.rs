@@ -18,7 +18,7 @@ use lrfslam_core::wire::frame::MAX_FRAME;
 
 /// Of the laser: a scan of a URG-04LX may wait while another is mapped.
 pub type LaserPort = Port<4096, 64>;
-/// Of the host: eight pages of 150 bytes, which it may send ahead, may wait while a scan is mapped.
+/// Of the host: eight tiles of 150 bytes, which it may send ahead, may wait while a scan is mapped.
 pub type LinkPort = Port<2048, 2048>;
 
 pub static LASER: LaserPort = Port::new();
