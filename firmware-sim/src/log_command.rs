@@ -16,7 +16,7 @@ use lrfslam_firmware_sim::scenario::Scenario;
 /// Names that end in .gz are compressed. The same arguments give the same bytes.
 #[derive(Debug, Args)]
 pub struct LogArgs {
-    /// Where it is: room, floor, office, demo, corridor, loop, maze, a world file, or the YAML of a ROS map
+    /// Where it is: room, floor, office, demo, corridor, loop, maze, small-maze, a world file, or the YAML of a ROS map
     #[arg(long, value_name = "NAME|FILE")]
     world: String,
     /// Drive on to here after the route; may be given more than once

@@ -46,7 +46,7 @@ struct ServeArgs {
     /// Name under which the port appears (a symbolic link)
     #[arg(long)]
     link: PathBuf,
-    /// Where it is: room, floor, office, demo, corridor, loop, maze, a world file, or the YAML of a ROS map
+    /// Where it is: room, floor, office, demo, corridor, loop, maze, small-maze, a world file, or the YAML of a ROS map
     #[arg(long, default_value = "room", value_name = "NAME|FILE")]
     world: String,
     /// Baud rate that the sensor has at first, instead of its power-up rate

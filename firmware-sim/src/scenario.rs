@@ -20,7 +20,7 @@ use crate::world::ros_map::{RosMapError, add_map};
 use crate::world::wall::{Corridor, Room, Wall};
 
 /// The worlds that come with the program: name, what it is, and its file.
-pub const LIBRARY: [(&str, &str, &str); 7] = [
+pub const LIBRARY: [(&str, &str, &str); 8] = [
     ("room", "a room of 6 m by 4 m, the robot turning slowly within", include_str!("../worlds/room.toml")),
     ("floor", "a small floor of rooms and a corridor: the example log", include_str!("../worlds/floor.toml")),
     ("office", "an office floor of 36 m by 24 m whose corridors close loops", include_str!("../worlds/office.toml")),
@@ -28,6 +28,7 @@ pub const LIBRARY: [(&str, &str, &str); 7] = [
     ("corridor", "a corridor of 60 m", include_str!("../worlds/corridor.toml")),
     ("loop", "a loop of 60 m by 40 m, as in figure 3.11 of the thesis", include_str!("../worlds/loop.toml")),
     ("maze", "a maze of thin walls seen from both sides", include_str!("../worlds/maze.toml")),
+    ("small-maze", "a maze of ways 1 m wide", include_str!("../worlds/small-maze.toml")),
 ];
 
 /// Why a world cannot be had.

@@ -2,6 +2,7 @@
 
 use crate::ancestry::NodeId;
 
+use super::Square;
 use super::tiles::{DistributedMap, PoolFullError, Tile, TileHeader, TileId, TilePlace};
 
 /// What became of a tile that came back.
@@ -13,7 +14,33 @@ pub enum Restored {
     IsKnown,
 }
 
+impl<const SIDE: usize> Tile<SIDE> {
+    /// Writes hits and distance of every square, row by row, into `bytes`; returns those used, or `None` if there is no room.
+    pub fn to_bytes<'b>(&self, bytes: &'b mut [u8]) -> Option<&'b [u8]> {
+        let bytes = bytes.get_mut(..2 * SIDE * SIDE)?;
+        for (pair, square) in bytes.chunks_exact_mut(2).zip(self.squares.iter().flatten()) {
+            pair.copy_from_slice(&[square.hits(), square.distance()]);
+        }
+        Some(bytes)
+    }
+
+    /// The tile that [`to_bytes`](Self::to_bytes) wrote; `None` if the bytes are not as many.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        let mut tile = Self::UNSEEN;
+        let pairs = bytes.as_chunks::<2>().0.iter();
+        for (square, [hits, distance]) in tile.squares.iter_mut().flatten().zip(pairs) {
+            *square = Square::of(*hits, *distance);
+        }
+        (bytes.len() == 2 * SIDE * SIDE).then_some(tile)
+    }
+}
+
 impl<const SIDE: usize> DistributedMap<'_, SIDE> {
+    /// Leaves so many tiles of the pool to those that come back; see [`restore`](Self::restore).
+    pub fn keep_free(&mut self, tiles: u16) {
+        self.reserve = u32::from(tiles);
+    }
+
     /// Places of the root's tiles that no particle has changed since: those that can be [let go](Self::let_go).
     pub fn settled_places(&self) -> impl Iterator<Item = TilePlace> + '_ {
         self.headers_taken().filter(|header| is_settled(header)).map(|header| header.place)

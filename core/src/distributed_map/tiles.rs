@@ -46,25 +46,6 @@ impl<const SIDE: usize> Tile<SIDE> {
     pub fn rows(&self) -> &[[Square; SIDE]; SIDE] {
         &self.squares
     }
-
-    /// Writes hits and distance of every square, row by row, into `bytes`; returns those used, or `None` if there is no room.
-    pub fn to_bytes<'b>(&self, bytes: &'b mut [u8]) -> Option<&'b [u8]> {
-        let bytes = bytes.get_mut(..2 * SIDE * SIDE)?;
-        for (pair, square) in bytes.chunks_exact_mut(2).zip(self.squares.iter().flatten()) {
-            pair.copy_from_slice(&[square.hits(), square.distance()]);
-        }
-        Some(bytes)
-    }
-
-    /// The tile that [`to_bytes`](Self::to_bytes) wrote; `None` if the bytes are not as many.
-    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        let mut tile = Self::UNSEEN;
-        let pairs = bytes.as_chunks::<2>().0.iter();
-        for (square, [hits, distance]) in tile.squares.iter_mut().flatten().zip(pairs) {
-            *square = Square::of(*hits, *distance);
-        }
-        (bytes.len() == 2 * SIDE * SIDE).then_some(tile)
-    }
 }
 
 /// What is known of a tile besides its squares, apart from them so that walking over tiles is fast. All zero when free.
@@ -146,7 +127,7 @@ pub struct DistributedMap<'m, const SIDE: usize> {
     free: TileId,
     used: u32,
     /// Free tiles that nobody may print into.
-    reserve: u32,
+    pub(super) reserve: u32,
 }
 
 impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
@@ -192,11 +173,6 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
         self.node_tiles.fill(TileId::NONE);
         self.directory.fill(TileId::NONE);
         (self.taken, self.free, self.used) = (1, TileId::NONE, 0);
-    }
-
-    /// Leaves so many tiles of the pool to those that come back; see [`restore`](Self::restore).
-    pub fn keep_free(&mut self, tiles: u16) {
-        self.reserve = u32::from(tiles);
     }
 
     /// Tiles in use.
