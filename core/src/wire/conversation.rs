@@ -7,8 +7,12 @@ use crate::lrf::driver::NEVER;
 use crate::time::{Duration, Instant};
 
 const HELLO_EVERY: Duration = Duration::from_millis(500);
-const RESEND_FIRST: Duration = Duration::from_millis(400);
-const RESEND_LONGEST: Duration = Duration::from_millis(3200);
+/// Without an acknowledgement everything is sent again after so long …
+const RESEND_FIRST: Duration = Duration::from_millis(200);
+/// … so many times, and then each time after twice as long: a bad line loses one message now and then; several in a row, hardly ever …
+const RESENDS_SOON: u8 = 3;
+/// … up to this many, when the wait has come to 3.2 s: after so many, 3.4 s, the other end is taken to be gone.
+const RESENDS_LONGEST: u8 = 6;
 
 /// See the [module](self).
 #[derive(Debug)]
@@ -26,7 +30,8 @@ pub(super) struct Conversation<'m> {
     credit: u16,
     peer_credit: u16,
     resend_at: Instant,
-    back_off: Duration,
+    /// In a row, without an acknowledgement.
+    timeouts: u8,
     /// Where it was last sent again from because the other end said so.
     resent_from: Option<u32>,
     pub(super) counters: SessionCounters,
@@ -56,7 +61,7 @@ impl<'m> Conversation<'m> {
             credit: CREDIT,
             peer_credit: 0,
             resend_at: NEVER,
-            back_off: RESEND_FIRST,
+            timeouts: 0,
             resent_from: None,
             counters: SessionCounters::default(),
         }
@@ -75,7 +80,12 @@ impl<'m> Conversation<'m> {
 
     /// Something waits, and the other end has not answered for some seconds.
     pub(super) fn is_silent(&self) -> bool {
-        self.back_off >= RESEND_LONGEST && self.queue.base() != self.queue.end()
+        self.timeouts >= RESENDS_LONGEST && self.is_waiting()
+    }
+
+    /// Something was not acknowledged yet.
+    fn is_waiting(&self) -> bool {
+        self.queue.base() != self.queue.end()
     }
 
     pub(super) fn set_credit(&mut self, credit: u16) {
@@ -138,8 +148,8 @@ impl<'m> Conversation<'m> {
         self.peer_credit = credit;
         self.queue.rewind();
         self.resent_from = None;
-        self.back_off = RESEND_FIRST;
-        self.resend_at = now + self.back_off;
+        self.timeouts = 0;
+        self.resend_at = now + RESEND_FIRST;
         known.is_none().then_some(Received::NewPeer { epoch: oldest.epoch })
     }
 
@@ -160,8 +170,8 @@ impl<'m> Conversation<'m> {
 
     fn on_ack(&mut self, now: Instant, next: u32, credit: u16, missing: bool) {
         if self.queue.acknowledge(next) {
-            self.back_off = RESEND_FIRST;
-            self.resend_at = now + self.back_off;
+            self.timeouts = 0;
+            self.resend_at = if self.is_waiting() { now + RESEND_FIRST } else { NEVER };
         }
         if next == self.queue.base() {
             self.peer_credit = credit;
@@ -175,7 +185,7 @@ impl<'m> Conversation<'m> {
     fn resend(&mut self, now: Instant) {
         self.queue.rewind();
         self.counters.resends = self.counters.resends.saturating_add(1);
-        self.resend_at = now + self.back_off;
+        self.resend_at = now + self.back_off();
     }
 
     pub(super) fn on_timeout(&mut self, now: Instant) {
@@ -183,17 +193,21 @@ impl<'m> Conversation<'m> {
             self.owes_hello = true;
             self.hello_at = now + HELLO_EVERY;
         } else if self.is_live && now >= self.resend_at {
-            let is_waiting = self.queue.base() != self.queue.end();
-            // An acknowledgement may have been lost, or the other end waits for us to notice that it takes more.
-            self.owes_hello |= is_waiting;
-            self.back_off = Duration::from_micros((self.back_off.micros * 2).min(RESEND_LONGEST.micros));
+            self.resend_at = NEVER;
             self.resent_from = None;
-            if is_waiting {
+            if self.is_waiting() {
+                // An acknowledgement may have been lost, or the other end waits for us to notice that it takes more.
+                self.owes_hello = true;
+                self.timeouts = (self.timeouts + 1).min(RESENDS_LONGEST);
                 self.resend(now);
-            } else {
-                self.resend_at = NEVER;
             }
         }
+    }
+
+    /// From sending to sending again.
+    fn back_off(&self) -> Duration {
+        let doublings = (self.timeouts + 1).saturating_sub(RESENDS_SOON);
+        Duration::from_micros(RESEND_FIRST.micros << doublings)
     }
 
     fn turn(&self) -> Option<Turn> {
@@ -243,7 +257,7 @@ impl<'m> Conversation<'m> {
             Some(Turn::Reliable) => {
                 self.queue.advance();
                 if self.resend_at == NEVER {
-                    self.resend_at = now + self.back_off;
+                    self.resend_at = now + self.back_off();
                 }
             }
             None => {}
