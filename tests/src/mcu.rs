@@ -238,8 +238,8 @@ impl<'d> Bench<'d> {
                 }
                 map.take(&message);
             }
+            RobotEvent::Recall(recall) => recall.answer(map.to_give_back()),
         });
-        client.give_back(self.drive.map.to_give_back());
         let session = client.session();
         if now >= session.deadline() {
             session.timeout(now);

@@ -126,7 +126,7 @@ pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
     }
     let mut link = RobotLink::new(&args.port, args.baud, client);
     while !stop.load(Ordering::Relaxed) && !book.is_enough() {
-        serve(&mut link, &mut book);
+        link.serve(LISTEN, &mut |event| book.take(event));
         book.tell_now_and_then();
     }
     if !args.keep_running {
@@ -142,14 +142,6 @@ fn this_epoch() -> u32 {
     (SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_millis() / 16) as u32
 }
 
-/// Listens, and gives the robot what it asks for.
-fn serve(link: &mut RobotLink<'_>, book: &mut Book<'_>) {
-    link.serve(LISTEN, &mut |event| book.take(event));
-    if let Some(run) = &book.run {
-        link.client().give_back(run.map().to_give_back());
-    }
-}
-
 /// Stops the robot, waits for the whole of its map, and lets it go.
 fn end(link: &mut RobotLink<'_>, book: &mut Book<'_>) {
     if book.run.is_none() || link.client().ask(&ToRobot::Stop).is_err() {
@@ -157,7 +149,7 @@ fn end(link: &mut RobotLink<'_>, book: &mut Book<'_>) {
     }
     let mut heard = (book.messages, WallInstant::now());
     while !book.run.as_ref().is_some_and(|run| run.map().is_complete()) {
-        serve(link, book);
+        link.serve(LISTEN, &mut |event| book.take(event));
         if book.messages != heard.0 {
             heard = (book.messages, WallInstant::now());
         }
@@ -256,6 +248,9 @@ impl<'a> Book<'a> {
                 self.fail(anyhow!("the robot speaks version {version} of the robot link, this program {VERSION}"));
             }
             LinkEvent::Robot(RobotEvent::Message(told)) => self.take_told(&told),
+            LinkEvent::Robot(RobotEvent::Recall(recall)) => {
+                self.run.iter().for_each(|run| recall.answer(run.map().to_give_back()));
+            }
         }
     }
 

@@ -1,7 +1,6 @@
 //! One conversation with a robot, sans-IO.
 
 use std::collections::VecDeque;
-use std::ops::Bound;
 
 use lrfslam_core::distributed_map::{Region, TilePlace};
 use lrfslam_core::robot::RobotConfig;
@@ -27,12 +26,21 @@ pub(super) fn fitted(config: &RobotConfig, capacities: &Capacities) -> RobotConf
     config
 }
 
-/// A region whose tiles the robot has asked for.
+/// A region whose tiles the robot asks for.
 #[derive(Debug)]
-struct Recall {
+pub struct Recall {
     region: Region,
-    /// The last that it was given.
-    given: Option<(i16, i16)>,
+    /// Still to be given.
+    tiles: VecDeque<((i16, i16), Vec<u8>)>,
+}
+
+impl Recall {
+    /// It is given what `tiles` have there now.
+    pub fn answer(&mut self, tiles: &Tiles) {
+        let is_asked = |(column, row): (i16, i16)| self.region.contains(TilePlace { column, row });
+        let asked = tiles.iter().filter(|(place, _)| is_asked(**place));
+        self.tiles = asked.map(|(place, squares)| (*place, squares.clone())).collect();
+    }
 }
 
 /// The memory that a [`RobotClient`] works in.
@@ -57,6 +65,9 @@ pub enum RobotEvent<'a> {
     NewRobot,
     /// A message, once and in order.
     Message(Told<'a>),
+    /// It asks for tiles that it has left, and is to be given what there is after the messages before, and before those that follow: so what it gets
+    /// does not depend on how they come.
+    Recall(&'a mut Recall),
     /// How it is now.
     Status(Status),
     /// It speaks another version of the protocol.
@@ -119,24 +130,18 @@ impl<'m> RobotClient<'m> {
         self.session.send(request).map(|_| ())
     }
 
-    /// Gives the robot what it has asked for, as far as the queue has room; to be called after [`take`](Self::take).
-    ///
-    /// * `tiles` — what there is to be given back
-    pub fn give_back(&mut self, tiles: &Tiles) {
-        while let Some(Recall { region, given }) = self.recalls.front_mut() {
-            let from = given.map_or(Bound::Unbounded, Bound::Excluded);
-            let is_asked = |(column, row): (i16, i16)| region.contains(TilePlace { column, row });
-            let next = tiles.range((from, Bound::Unbounded)).find(|(place, _)| is_asked(**place));
-            let answer = match next {
-                Some((&(column, row), squares)) => ToRobot::Tile(TileUpdate { column, row, squares }),
+    /// Gives the robot what it has asked for, as far as the queue has room.
+    fn give_back(&mut self) {
+        while let Some(Recall { region, tiles }) = self.recalls.front_mut() {
+            let answer = match tiles.front() {
+                Some(((column, row), squares)) => ToRobot::Tile(TileUpdate { column: *column, row: *row, squares }),
                 None => ToRobot::Recalled(*region),
             };
             if self.session.send(&answer).is_err() {
                 return;
             }
-            match next {
-                Some((place, _)) => *given = Some(*place),
-                None => drop(self.recalls.pop_front()),
+            if tiles.pop_front().is_none() {
+                self.recalls.pop_front();
             }
         }
     }
@@ -148,7 +153,7 @@ impl<'m> RobotClient<'m> {
             let before = self.session.progress();
             let (taken, received) = self.session.take(now, rest);
             rest = &rest[taken..];
-            let mut introduced = None;
+            let (mut introduced, mut asked) = (None, None);
             match received {
                 Some(Received::Reliable(bytes)) => {
                     // Only one whose epoch was known has come through.
@@ -156,7 +161,7 @@ impl<'m> RobotClient<'m> {
                     let told = Told { at, bytes };
                     match told.message() {
                         Some(FromRobot::Identity(identity)) => introduced = Some(identity.capacities),
-                        Some(FromRobot::Recall(region)) => self.recalls.push_back(Recall { region, given: None }),
+                        Some(FromRobot::Recall(region)) => asked = Some(Recall { region, tiles: VecDeque::new() }),
                         _ => {}
                     }
                     sink(RobotEvent::Message(told));
@@ -171,10 +176,76 @@ impl<'m> RobotClient<'m> {
                 Some(Received::OtherVersion(version)) => sink(RobotEvent::OtherVersion(version)),
                 None => {}
             }
+            if let Some(mut recall) = asked {
+                sink(RobotEvent::Recall(&mut recall));
+                self.recalls.push_back(recall);
+            }
             if let Some((config, capacities)) = self.config.zip(introduced) {
                 // A full queue holds requests that the robot has not taken; it will introduce itself to the next host again.
                 let _ = self.ask(&ToRobot::Configure(fitted(&config, &capacities)));
             }
         }
+        self.give_back();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn left(column: i16) -> FromRobot<'static> {
+        FromRobot::Left(TileUpdate { column, row: 0, squares: &[1; 128] })
+    }
+
+    /// Bytes that an end has to say.
+    fn said(session: &mut Session<'_>, now: Instant) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut memory = [0; MAX_FRAME];
+        while let Some(frame) = session.poll_transmit(now, &mut memory) {
+            bytes.extend_from_slice(frame);
+        }
+        bytes
+    }
+
+    #[test]
+    fn a_recall_is_answered_from_what_came_before_it() {
+        let (mut client_memory, mut robot_memory, now) =
+            (ClientMemory::default(), ClientMemory::default(), Instant::default());
+        let mut client = RobotClient::new(&RobotConfig::default(), 2, None, &mut client_memory);
+        let memory = SessionMemory { queue: &mut robot_memory.queue, frame: &mut robot_memory.frame };
+        let mut robot = Session::new(1, None, memory);
+        robot.connected(now);
+        client.session().connected(now);
+        let region = Region { columns: [0, 3], rows: [0, 1] };
+        for message in [left(0), left(7), FromRobot::Recall(region), left(1), FromRobot::Recall(region)] {
+            robot.send(&message).unwrap();
+        }
+        let (mut tiles, mut given) = (Tiles::new(), Vec::new());
+        for _ in 0..6 {
+            client.take(now, &said(&mut robot, now), &mut |event| match event {
+                RobotEvent::Message(told) => {
+                    if let Some(FromRobot::Left(tile)) = told.message() {
+                        tiles.insert((tile.column, tile.row), tile.squares.to_vec());
+                    }
+                }
+                RobotEvent::Recall(recall) => recall.answer(&tiles),
+                _ => {}
+            });
+            let bytes = said(client.session(), now);
+            let mut rest = bytes.as_slice();
+            while !rest.is_empty() {
+                let (taken, received) = robot.take(now, rest);
+                rest = &rest[taken..];
+                if let Some(Received::Reliable(message)) = received {
+                    given.push(match postcard::from_bytes(message).unwrap() {
+                        ToRobot::Tile(tile) => Ok(tile.column),
+                        ToRobot::Recalled(region) => Err(region),
+                        other => panic!("{other:?}"),
+                    });
+                }
+            }
+        }
+        assert_eq!(tiles.len(), 3);
+        assert_eq!(given, [Ok(0), Err(region), Ok(0), Ok(1), Err(region)]);
     }
 }

@@ -11,7 +11,7 @@ mod render;
 mod run;
 mod sweeps;
 
-pub use client::{ClientMemory, RobotClient, RobotEvent, Told};
+pub use client::{ClientMemory, Recall, RobotClient, RobotEvent, Told};
 pub use journal::{JOURNAL, Journal};
 pub use link::{LinkEvent, RobotLink};
 pub use map::{RobotMap, Tiles};

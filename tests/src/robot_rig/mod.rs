@@ -242,12 +242,12 @@ impl<D: HostDisk> RobotRig<D> {
         while let Some(bytes) = up.arrived(now) {
             host.take(now, &bytes, &mut |event| match event {
                 RobotEvent::Message(told) => disk.take(&told),
+                RobotEvent::Recall(recall) => disk.to_give_back().into_iter().for_each(|tiles| recall.answer(tiles)),
                 RobotEvent::Status(now) => *status = now,
                 RobotEvent::NewRobot => {}
                 RobotEvent::OtherVersion(version) => panic!("version {version}"),
             });
         }
-        disk.to_give_back().into_iter().for_each(|tiles| host.give_back(tiles));
         if now >= host.session().deadline() {
             host.session().timeout(now);
         }
