@@ -1,4 +1,5 @@
-//! A building larger than the robot's memory: what the host has in the end is what a robot with memory for all of it tells, to the bit.
+//! A building larger than the robot's memory: what the host has in the end is what a robot with memory for all of it tells, to the bit; and with so
+//! little memory that particles go for want of it, it is at least the same whatever the line does.
 
 use lrfslam_core::robot::{LaserConfig, LaserFamily, RobotConfig};
 use lrfslam_core::time::Duration;
@@ -16,14 +17,17 @@ const PAUSE: Duration = Duration::from_millis(500);
 
 /// Tiles of the small memory.
 const TILES: usize = 260;
+/// Tiles for so many particles: some hundred more would do for all of them.
+const TILES_OF_MANY: usize = 400;
+const PARTICLES: u16 = 12;
 
-/// One particle, whose tiles may all leave, with small squares and a view of 2 m: so a floor of 18 m is large.
-fn config() -> RobotConfig {
+/// Small squares and a view of 2 m: so a floor of 18 m is large. All tiles of a single particle may leave.
+fn config(particles: u16) -> RobotConfig {
     let laser = LaserConfig { family: LaserFamily::Hokuyo, baud: 0, cluster: 4 };
     let mut config = RobotConfig { laser, ..RobotConfig::default() };
     (config.de.population, config.de.generations) = (20, 15);
     (config.recovery.population, config.recovery.generations) = (40, 20);
-    config.particles.particles = 1;
+    config.particles.particles = particles;
     config.particle_map.square_size_m = 0.05;
     config.rays.range_max_m = 2.0;
     config
@@ -40,11 +44,11 @@ enum Host {
 }
 
 /// What the host has, how the robot is, and what it did.
-fn drive(tiles: usize, host: Host, faults: LineFaults) -> (Life, Status, Tally) {
+fn drive(particles: u16, tiles: usize, host: Host, faults: LineFaults) -> (Life, Status, Tally) {
     let scene = Box::new(Scenario::load("floor").expect("comes with the program").scene());
     let device = VirtualHokuyo::new(HokuyoModel::urg_04lx_ug01(), scene, 1);
     let memory = Box::new(move || Build::Standard.memory(&[PoolSize::Tiles(tiles)]));
-    let mut rig = RobotRig::with(Disk::default(), memory, Box::new(device), &config());
+    let mut rig = RobotRig::with(Disk::default(), memory, Box::new(device), &config(particles));
     rig.set_faults(faults, 1);
     rig.start();
     rig.run_for(LASER_AT);
@@ -74,17 +78,30 @@ fn drive(tiles: usize, host: Host, faults: LineFaults) -> (Life, Status, Tally) 
 
 #[test]
 fn map_and_poses_are_those_of_a_robot_with_memory_for_all() {
-    let (large, status, with_large) = drive(20_000, Host::IsAway, LineFaults::default());
+    let (large, status, with_large) = drive(1, 20_000, Host::IsAway, LineFaults::default());
     let tiles = large.map.tiles().len();
     assert_eq!((status.tiles_forgotten, status.dropped_particles), (0, 0));
     assert!(with_large.tiles >= tiles, "all of its map was in its memory");
     let good = LineFaults::default();
     for (host, faults) in [(Host::Stays, good), (Host::Stays, LineFaults::all(0.01)), (Host::IsKilled, good)] {
-        let (small, status, with_small) = drive(TILES, host, faults);
+        let (small, status, with_small) = drive(1, TILES, host, faults);
         assert!(TILES < tiles && status.tiles_left > 100 && status.tiles_restored > 20, "{tiles}, {status:?}");
         assert_eq!((status.tiles_forgotten, status.dropped_particles), (0, 0), "{status:?}");
         assert_eq!((with_small.scans, with_small.poses), (with_large.scans, with_large.poses), "{host:?} {faults:?}");
         assert!(small.map.tiles() == large.map.tiles(), "{host:?} {faults:?}");
+    }
+}
+
+/// How many tiles are free decides which particles stay, and what has left and returned decides how many are free.
+#[test]
+fn particles_that_go_for_want_of_memory_are_the_same_on_a_bad_line() {
+    let (good, status, on_good) = drive(PARTICLES, TILES_OF_MANY, Host::Stays, LineFaults::default());
+    assert!(status.dropped_particles > 1000 && status.tiles_left > 100 && status.tiles_restored > 20, "{status:?}");
+    for chance in [0.01, 0.02] {
+        let (bad, status, on_bad) = drive(PARTICLES, TILES_OF_MANY, Host::Stays, LineFaults::all(chance));
+        assert_eq!((status.tiles_forgotten, on_bad), (0, on_good), "faults at {chance}: {status:?}");
+        let told = |life: &Life| (life.map.scans().to_vec(), life.map.segments().to_vec(), life.sweeps.clone());
+        assert!(told(&bad) == told(&good) && bad.map.tiles() == good.map.tiles(), "faults at {chance}");
     }
 }
 
@@ -93,7 +110,7 @@ fn robot_whose_host_is_silent_forgets_tiles_and_maps_on() {
     let scene = Box::new(Scenario::load("floor").expect("comes with the program").scene());
     let device = VirtualHokuyo::new(HokuyoModel::urg_04lx_ug01(), scene, 1);
     let memory = Box::new(move || Build::Standard.memory(&[PoolSize::Tiles(TILES)]));
-    let mut rig = RobotRig::with(Disk::default(), memory, Box::new(device), &config());
+    let mut rig = RobotRig::with(Disk::default(), memory, Box::new(device), &config(1));
     rig.start();
     rig.run_for(LASER_AT);
     rig.plug_laser(true);

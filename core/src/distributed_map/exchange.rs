@@ -2,17 +2,23 @@
 
 use crate::ancestry::NodeId;
 
-use super::Square;
 use super::tiles::{DistributedMap, PoolFullError, Tile, TileHeader, TileId, TilePlace};
+use super::{Region, Square};
 
 /// What became of a tile that came back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Restored {
     /// It is seen again by all who had not seen something else there since.
     Done,
-    /// Some particle has a tile there already, which is newer; nothing has changed.
+    /// Some particle has a tile there already, which is newer; this one is forgotten.
     IsKnown,
+    /// It does not lie where tiles are wanted, and is forgotten.
+    IsElsewhere,
 }
+
+/// A tile of the pool that nobody sees yet; see [`DistributedMap::hold`].
+#[derive(Debug, PartialEq, Eq)]
+pub struct HeldTile(TileId);
 
 impl<const SIDE: usize> Tile<SIDE> {
     /// Writes hits and distance of every square, row by row, into `bytes`; returns those used, or `None` if there is no room.
@@ -36,7 +42,7 @@ impl<const SIDE: usize> Tile<SIDE> {
 }
 
 impl<const SIDE: usize> DistributedMap<'_, SIDE> {
-    /// Leaves so many tiles of the pool to those that come back; see [`restore`](Self::restore).
+    /// Leaves so many tiles of the pool to those that come back; see [`hold`](Self::hold).
     pub fn keep_free(&mut self, tiles: u16) {
         self.reserve = u32::from(tiles);
     }
@@ -63,15 +69,45 @@ impl<const SIDE: usize> DistributedMap<'_, SIDE> {
         is_settled
     }
 
-    /// Makes `tile` the root's at `place`, if no particle has one there. Cost: all headers are looked at.
+    /// Tiles that are left to those that come back.
+    pub fn kept_free(&self) -> usize {
+        self.reserve as usize
+    }
+
+    /// Tiles that can be [held](Self::hold) at once: those kept free, as far as they are free.
+    pub fn room_to_hold(&self) -> usize {
+        (self.reserve as usize).min(self.tiles_max() - self.tiles_used())
+    }
+
+    /// Keeps `tile` for the root at `place` until it is [restored](Self::restore). Nobody sees it before, and it does not count as used: it is in
+    /// one of the tiles that are [kept free](Self::keep_free).
     ///
     /// # Errors
-    /// [`PoolFullError`] if no tile is free; nothing has changed then.
-    pub fn restore(&mut self, place: TilePlace, tile: Tile<SIDE>) -> Result<Restored, PoolFullError> {
-        if self.headers_taken().any(|header| header.owner != NodeId::NONE && header.place == place) {
-            return Ok(Restored::IsKnown);
+    /// [`PoolFullError`] if there is no [room](Self::room_to_hold) for it; nothing has changed then.
+    pub fn hold(&mut self, place: TilePlace, tile: Tile<SIDE>) -> Result<HeldTile, PoolFullError> {
+        if self.held as usize >= self.room_to_hold() {
+            return Err(PoolFullError);
         }
-        self.add(tile, TileId::NONE, place, NodeId::ROOT).map(|_| Restored::Done)
+        let id = self.put(tile, place)?;
+        (self.used, self.held) = (self.used - 1, self.held + 1);
+        Ok(HeldTile(id))
+    }
+
+    /// Makes a tile that was held the root's, if it lies in `region` and no particle has one there. Cost: all headers are looked at.
+    pub fn restore(&mut self, HeldTile(id): HeldTile, region: &Region) -> Restored {
+        (self.used, self.held) = (self.used + 1, self.held.saturating_sub(1));
+        let place = self.header(id).place;
+        let is_known = || self.headers_taken().any(|header| header.owner != NodeId::NONE && header.place == place);
+        let restored = match region.contains(place) {
+            false => Restored::IsElsewhere,
+            true if is_known() => Restored::IsKnown,
+            true => Restored::Done,
+        };
+        match restored {
+            Restored::Done => self.link(id, NodeId::ROOT),
+            Restored::IsKnown | Restored::IsElsewhere => self.give_back(id),
+        }
+        restored
     }
 }
 

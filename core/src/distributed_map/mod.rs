@@ -31,7 +31,7 @@ mod square;
 mod tiles;
 mod window;
 
-pub use exchange::Restored;
+pub use exchange::{HeldTile, Restored};
 pub use print::{Print, PrintReport};
 pub use region::Region;
 pub use square::{DISTANCE_UNITS, Square};

@@ -37,37 +37,46 @@ impl Region {
         Self { columns: along(self.columns, other.columns), rows: along(self.rows, other.rows) }
     }
 
-    /// What `whole` has on one side of this part of it, as long as that side: columns first, then rows; `None` if it is all of it.
-    ///
-    /// Part and side together are a rectangle again: see [`with_side`](Self::with_side).
-    pub fn next_side_of(&self, whole: &Self) -> Option<Self> {
-        if self.is_empty() {
-            return Some(*whole);
-        }
-        let side = |part: [i16; 2], whole: [i16; 2]| {
-            let before = (whole[0] < part[0]).then_some([whole[0], part[0]]);
-            before.or((part[1] < whole[1]).then_some([part[1], whole[1]]))
-        };
-        let columns = side(self.columns, whole.columns).map(|columns| Self { columns, rows: self.rows });
-        columns.or_else(|| side(self.rows, whole.rows).map(|rows| Self { columns: self.columns, rows }))
+    /// Tiles in it.
+    pub fn places(&self) -> usize {
+        length(self.columns) * length(self.rows)
     }
 
-    /// Both together if that is a rectangle, which a side that does not touch it, or is shorter, does not give; else only this one.
+    /// What `whole` has on one side of this part of it, as long as that side, and as wide as no more than `places` tiles allow, but one tile at
+    /// least: columns first, then rows; `None` if the part is all of it.
+    ///
+    /// Part and strip together are a rectangle again: see [`with_strip`](Self::with_strip).
+    pub fn next_strip_of(&self, whole: &Self, places: usize) -> Option<Self> {
+        if self.is_empty() {
+            let columns = beside([whole.columns[0]; 2], whole.columns, places / length(whole.rows).max(1));
+            return columns.map(|columns| Self { columns, rows: whole.rows });
+        }
+        let columns = beside(self.columns, whole.columns, places / length(self.rows).max(1));
+        let rows = || beside(self.rows, whole.rows, places / length(self.columns).max(1));
+        let in_columns = columns.map(|columns| Self { columns, rows: self.rows });
+        in_columns.or_else(|| rows().map(|rows| Self { columns: self.columns, rows }))
+    }
+
+    /// This part with a strip beside it that is as long as it is.
     #[must_use]
-    pub fn with_side(&self, side: &Self) -> Self {
-        let covers = |long: [i16; 2], short: [i16; 2]| long[0] <= short[0] && short[1] <= long[1];
-        let touches = |a: [i16; 2], b: [i16; 2]| a[0] <= b[1] && b[0] <= a[1];
+    pub fn with_strip(&self, strip: &Self) -> Self {
         let joined = |a: [i16; 2], b: [i16; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         if self.is_empty() {
-            *side
-        } else if covers(side.rows, self.rows) && touches(side.columns, self.columns) {
-            Self { columns: joined(self.columns, side.columns), rows: self.rows }
-        } else if covers(side.columns, self.columns) && touches(side.rows, self.rows) {
-            Self { columns: self.columns, rows: joined(self.rows, side.rows) }
-        } else {
-            *self
+            return *strip;
         }
+        Self { columns: joined(self.columns, strip.columns), rows: joined(self.rows, strip.rows) }
     }
+}
+
+fn length([first, end]: [i16; 2]) -> usize {
+    usize::try_from(i32::from(end) - i32::from(first)).unwrap_or(0)
+}
+
+/// What `whole` has before `part` or else behind it, next to it: no more than `width`, but one at least.
+fn beside(part: [i16; 2], whole: [i16; 2], width: usize) -> Option<[i16; 2]> {
+    let width = i16::try_from(width.max(1)).unwrap_or(i16::MAX);
+    let before = (whole[0] < part[0]).then(|| [whole[0].max(part[0].saturating_sub(width)), part[0]]);
+    before.or_else(|| (part[1] < whole[1]).then(|| [part[1], whole[1].min(part[1].saturating_add(width))]))
 }
 
 #[cfg(test)]
@@ -88,25 +97,23 @@ mod tests {
         assert_eq!(around(i16::MAX, i16::MIN, 7).columns, [i16::MAX - 7, i16::MAX]);
     }
 
-    #[test]
-    fn side_that_does_not_fit_adds_nothing() {
-        let part = around(0, 0, 2);
-        for other in [around(9, 0, 3), Region { columns: [3, 5], rows: [0, 2] }] {
-            assert_eq!(part.with_side(&other), part);
-        }
-    }
-
     proptest! {
         #[test]
-        fn sides_complete_any_part(whole in (-40_i16..40, -40_i16..40, 1_i16..12), part in (-40_i16..40, -40_i16..40, 0_i16..12)) {
+        fn strips_complete_any_part(
+            whole in (-40_i16..40, -40_i16..40, 1_i16..12),
+            part in (-40_i16..40, -40_i16..40, 0_i16..12),
+            places in 0_usize..200,
+        ) {
             let whole = around(whole.0, whole.1, whole.2);
             let mut part = around(part.0, part.1, part.2).intersection(&whole);
-            let mut sides = 0;
-            while let Some(side) = part.next_side_of(&whole) {
-                prop_assert!(!side.is_empty() && part.intersection(&side).is_empty());
-                part = part.with_side(&side);
-                sides += 1;
-                prop_assert!(sides <= 4);
+            let mut seen = part.places();
+            while let Some(strip) = part.next_strip_of(&whole, places) {
+                prop_assert!(!strip.is_empty() && part.intersection(&strip).is_empty());
+                let is_narrow = length(strip.columns) == 1 || length(strip.rows) == 1;
+                prop_assert!(strip.places() <= places || is_narrow, "{strip:?}");
+                part = part.with_strip(&strip);
+                seen += strip.places();
+                prop_assert_eq!(part.places(), seen);
             }
             prop_assert_eq!(part, whole);
         }

@@ -231,6 +231,8 @@ proptest! {
     fn tiles_that_were_away_are_seen_again_as_they_were(seed in any::<u64>()) {
         let mut memory = Memory::new(6000, 20);
         let mut rig = Rig::new(&mut memory, seed);
+        rig.map.keep_free(3);
+        let everywhere = Region { columns: [i16::MIN, i16::MAX], rows: [i16::MIN, i16::MAX] };
         let mut were_away = 0;
         for _ in 0..40 {
             rig.centre = rig.centre + Point2::new(0.6, 0.0);
@@ -249,8 +251,13 @@ proptest! {
             rig.generation(10);
             for (place, bytes) in places.iter().zip(&away) {
                 let tile = || Tile::from_bytes(bytes).unwrap();
-                prop_assert_eq!(rig.map.restore(*place, tile()), Ok(Restored::Done));
-                prop_assert_eq!(rig.map.restore(*place, tile()), Ok(Restored::IsKnown));
+                let used = rig.map.tiles_used();
+                let [first, second, third] = [(); 3].map(|()| rig.map.hold(*place, tile()));
+                prop_assert!(rig.map.settled_tile(*place).is_none() && rig.map.tiles_used() == used);
+                prop_assert_eq!(rig.map.restore(first.unwrap(), &everywhere), Restored::Done);
+                prop_assert_eq!(rig.map.restore(second.unwrap(), &everywhere), Restored::IsKnown);
+                prop_assert_eq!(rig.map.restore(third.unwrap(), &Region::default()), Restored::IsElsewhere);
+                prop_assert_eq!(rig.map.tiles_used(), used + 1);
             }
             rig.compare_all();
             were_away += places.len();
@@ -288,10 +295,15 @@ fn tiles_kept_free_are_for_those_that_come_back() {
     rig.window.open(&rig.map, &rig.tree, frame, NodeId::ROOT);
     assert_eq!(Print::new(&rays, Pose2::new(0.1, 0.1, 0.0)).run(&mut rig.map, &mut rig.window), Err(PoolFullError));
     assert_eq!(rig.map.tiles_used(), 9);
-    for column in 100..130 {
-        assert_eq!(rig.map.restore(TilePlace { column, row: 0 }, tile.clone()), Ok(Restored::Done));
+    let far = Region { columns: [100, 130], rows: [0, 1] };
+    let mut hold = |column| rig.map.hold(TilePlace { column, row: 0 }, tile.clone());
+    let held: Vec<HeldTile> = (100..130).map(|column| hold(column).unwrap()).collect();
+    assert_eq!(hold(99), Err(PoolFullError));
+    assert_eq!((rig.map.tiles_used(), rig.map.room_to_hold()), (9, 30));
+    for tile in held {
+        assert_eq!(rig.map.restore(tile, &far), Restored::Done);
     }
-    assert_eq!(rig.map.restore(TilePlace { column: 99, row: 0 }, tile), Err(PoolFullError));
+    assert_eq!((rig.map.tiles_used(), rig.map.room_to_hold()), (39, 0));
     assert!(Tile::<SIDE>::from_bytes(&[0; 3]).is_none());
 }
 

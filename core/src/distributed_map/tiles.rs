@@ -125,9 +125,11 @@ pub struct DistributedMap<'m, const SIDE: usize> {
     /// Tiles ever taken, tile 0 included.
     taken: u32,
     free: TileId,
-    used: u32,
-    /// Free tiles that nobody may print into.
+    pub(super) used: u32,
+    /// Tiles that nobody may print into: those held, and free ones for more of them.
     pub(super) reserve: u32,
+    /// Tiles of the reserve that hold something; they are not among those used.
+    pub(super) held: u32,
 }
 
 impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
@@ -165,6 +167,7 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
             free: TileId::NONE,
             used: 0,
             reserve: 0,
+            held: 0,
         })
     }
 
@@ -172,10 +175,10 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
     pub(crate) fn clear(&mut self) {
         self.node_tiles.fill(TileId::NONE);
         self.directory.fill(TileId::NONE);
-        (self.taken, self.free, self.used) = (1, TileId::NONE, 0);
+        (self.taken, self.free, self.used, self.held) = (1, TileId::NONE, 0, 0);
     }
 
-    /// Tiles in use.
+    /// Tiles in use; without those [held](Self::hold).
     pub fn tiles_used(&self) -> usize {
         self.used as usize
     }
@@ -256,29 +259,25 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
             return Err(PoolFullError);
         }
         let seen = self.tiles.get(base.index()).cloned().unwrap_or(Tile::UNSEEN);
-        self.add(seen, base, place, owner)
-    }
-
-    /// A tile for `owner` at `place`, whose parent sees `base` there.
-    pub(super) fn add(
-        &mut self,
-        seen: Tile<SIDE>,
-        base: TileId,
-        place: TilePlace,
-        owner: NodeId,
-    ) -> Result<TileId, PoolFullError> {
-        let id = self.take()?;
-        if let Some(tile) = self.tiles.get_mut(id.index()) {
-            *tile = seen;
-        }
-        self.edit(id, |header| *header = TileHeader { place, base, ..TileHeader::default() });
+        let id = self.put(seen, place)?;
+        self.edit(id, |header| header.base = base);
         self.edit(base, |header| header.covered_by += 1);
         self.link(id, owner);
         Ok(id)
     }
 
+    /// A tile in use that nobody owns.
+    pub(super) fn put(&mut self, seen: Tile<SIDE>, place: TilePlace) -> Result<TileId, PoolFullError> {
+        let id = self.take()?;
+        if let Some(tile) = self.tiles.get_mut(id.index()) {
+            *tile = seen;
+        }
+        self.edit(id, |header| *header = TileHeader { place, ..TileHeader::default() });
+        Ok(id)
+    }
+
     /// Hangs a tile into the list of its new owner.
-    fn link(&mut self, id: TileId, owner: NodeId) {
+    pub(super) fn link(&mut self, id: TileId, owner: NodeId) {
         let place = self.header(id).place;
         let head = self.head(owner, place);
         let next = head.map(|head| core::mem::replace(head, id)).unwrap_or_default();

@@ -13,8 +13,8 @@ use crate::scan::{Beam, RangeScan};
 use crate::slam::ScanCapacityError;
 use crate::sweep::Sweep;
 use crate::time::Instant;
-use crate::wire::message::{Capacities, Health, PARTICLES_MAX, ScanPose, Status};
-use crate::wire::session::{Session, SessionMemory};
+use crate::wire::message::{Capacities, FromRobot, Health, PARTICLES_MAX, ScanPose, Status};
+use crate::wire::session::{QueueFullError, Session, SessionMemory};
 
 /// Messages that the host may send ahead: most of them are tiles of 150 bytes.
 const CREDIT: u16 = 8;
@@ -70,12 +70,15 @@ pub struct Robot<'m> {
     pub(super) owes_identity: bool,
     pub(super) answer: Option<Answer>,
     pub(super) poses: heapless::Deque<ScanPose, POSES>,
-    pub(super) said: heapless::Deque<heapless::String<96>, 4>,
+    pub(super) said: Said,
     pub(super) status: Status,
     pub(super) status_at: Instant,
     pub(super) laser_connected: bool,
     pub(super) restart_at: Instant,
 }
+
+/// Words for the host.
+type Said = heapless::Deque<heapless::String<96>, 4>;
 
 /// To a request.
 #[derive(Debug, Clone)]
@@ -212,7 +215,9 @@ impl<'m> Robot<'m> {
     }
 
     fn drain_laser(&mut self, ports: &mut impl Ports) {
-        let Self { work: Work::Mapping(running), link, map_report, sweep_report, poses, said, status, .. } = self
+        let Self {
+            work: Work::Mapping(running), link, map_report, sweep_report, poses, said, status, restart_at, ..
+        } = self
         else {
             return;
         };
@@ -230,7 +235,6 @@ impl<'m> Robot<'m> {
                     let Ok(mapped) = map_scan(mapping, &scan, status) else { continue };
                     if mapped.report.filter.is_some() {
                         map_report.map_changed();
-                        paging.drive(mapping);
                     }
                     let config = mapping.config();
                     let motion = mapped.report.odometry.motion;
@@ -242,6 +246,11 @@ impl<'m> Robot<'m> {
                         let _ = poses.pop_front();
                     }
                     let _ = poses.push_back(mapped.pose);
+                    // Said in this order, whatever comes with the next scan: what the host gives back goes by what it has heard before.
+                    let is_told = *restart_at == NEVER && tell_path(mapping, poses, link).is_ok();
+                    if !map_report.is_telling_whole() {
+                        page(paging, mapping, &mapped, link, is_told, said);
+                    }
                 }
                 Output::Event(event) => {
                     if matches!(event, Event::Stopped { .. }) {
@@ -253,6 +262,55 @@ impl<'m> Robot<'m> {
         }
         let counters = driver.counters();
         (status.damaged, status.restarts) = (counters.damaged, counters.restarts);
+    }
+}
+
+/// Queues where the robot and its particles were.
+///
+/// # Errors
+/// [`QueueFullError`] if something waits for room.
+// Not in one stack frame with the mapping of a scan: a segment takes 1 KB.
+#[inline(never)]
+pub(super) fn tell_path(
+    mapping: &mut Mapping<'_>,
+    poses: &mut heapless::Deque<ScanPose, POSES>,
+    link: &mut Session<'_>,
+) -> Result<(), QueueFullError> {
+    if let Some(segment) = mapping.segment() {
+        link.send(&FromRobot::Segment(segment))?;
+        mapping.segment_told();
+    }
+    while let Some(pose) = poses.front() {
+        link.send(&FromRobot::Scan(*pose))?;
+        let _ = poses.pop_front();
+    }
+    Ok(())
+}
+
+/// Has tiles leave and come back.
+///
+/// * `is_told` — the host has heard of the scan, or will before what is queued now
+// As above.
+#[inline(never)]
+fn page(
+    paging: &mut Paging,
+    mapping: &mut Mapping<'_>,
+    mapped: &Mapped,
+    link: &mut Session<'_>,
+    is_told: bool,
+    said: &mut Said,
+) {
+    let robot = mapping.slam().odometry().map_from_robot().position();
+    let late = paging.counts.late;
+    paging.scan_mapped(mapped.stamp, mapped.report.filter.map(|_| robot), mapping.map_mut(), link);
+    if is_told {
+        // What finds no room now does so later.
+        let _ = paging.send(mapping.map_mut(), link);
+    }
+    let now_late = paging.counts.late;
+    // The first, the second, the fourth, the eighth …
+    if now_late.checked_ilog2() > late.checked_ilog2() {
+        say(said, format_args!("{now_late} answers about tiles came late: now the map depends on the link"));
     }
 }
 
@@ -278,19 +336,24 @@ fn new_session(epoch: u32, memory: SessionMemory<'_>) -> Session<'_> {
     session
 }
 
-/// What the laser does, in words for the host; when it says more than fits, the oldest goes.
-fn remember(said: &mut heapless::Deque<heapless::String<96>, 4>, event: &Event<'_>) {
+/// What the laser does, in words for the host.
+fn remember(said: &mut Said, event: &Event<'_>) {
+    match event {
+        Event::Found { baud } => say(said, format_args!("laser found at {baud} bit/s")),
+        Event::Identified(identity) => say(said, format_args!("laser is {}", identity.model.trim())),
+        Event::Streaming { .. } => say(said, format_args!("laser sends scans")),
+        Event::Trouble(trouble) => say(said, format_args!("{trouble}")),
+        Event::Stopped { laser_off: true } => say(said, format_args!("laser is off")),
+        Event::Stopped { laser_off: false } => say(said, format_args!("laser has not confirmed that it is off")),
+        Event::Scan(_) => {}
+    }
+}
+
+/// When it says more than fits, the oldest goes.
+fn say(said: &mut Said, words: core::fmt::Arguments<'_>) {
     let mut text = heapless::String::new();
     // A text that does not fit is cut.
-    let _ = match event {
-        Event::Found { baud } => write!(text, "laser found at {baud} bit/s"),
-        Event::Identified(identity) => write!(text, "laser is {}", identity.model.trim()),
-        Event::Streaming { .. } => write!(text, "laser sends scans"),
-        Event::Trouble(trouble) => write!(text, "{trouble}"),
-        Event::Stopped { laser_off: true } => write!(text, "laser is off"),
-        Event::Stopped { laser_off: false } => write!(text, "laser has not confirmed that it is off"),
-        Event::Scan(_) => Ok(()),
-    };
+    let _ = text.write_fmt(words);
     if said.is_full() {
         let _ = said.pop_front();
     }

@@ -4,7 +4,7 @@ use core::fmt::Write as _;
 
 use super::config::RobotConfig;
 use super::laser::Laser;
-use super::machine::{Answer, Ports, Robot, Running, Work};
+use super::machine::{Answer, Ports, Robot, Running, Work, tell_path};
 use super::mapping::Mapping;
 use super::paging::{Paging, TileCounts};
 use crate::lrf::driver::{Input as LaserInput, NEVER};
@@ -60,7 +60,7 @@ impl Robot<'_> {
                     self.map_report.forget();
                     self.sweep_report.forget();
                     if let Work::Mapping(running) = &mut self.work {
-                        running.paging.forget_request();
+                        running.paging.forget_requests(running.mapping.map_mut());
                     }
                     None
                 }
@@ -136,22 +136,17 @@ impl Robot<'_> {
             Work::Mapping(running) => running.paging.counts,
             Work::Waiting(_) | Work::Nothing => TileCounts::default(),
         };
-        let TileCounts { left: tiles_left, restored: tiles_restored, forgotten: tiles_forgotten } = counts;
+        let TileCounts { left: tiles_left, restored: tiles_restored, forgotten: tiles_forgotten, .. } = counts;
         Status { now, health, tiles_left, tiles_restored, tiles_forgotten, ..self.status }
     }
 
     /// As far as there is room; what is left waits.
     fn queue_messages(&mut self) -> Result<(), QueueFullError> {
         let link = &mut self.link;
-        let mut running = match &mut self.work {
+        let running = match &mut self.work {
             Work::Mapping(running) => Some(running),
             Work::Waiting(_) | Work::Nothing => None,
         };
-        let is_telling_whole = self.map_report.is_telling_whole();
-        if let Some(Running { mapping, paging, .. }) = running.as_deref_mut().filter(|_| !is_telling_whole) {
-            // Also if nothing can be said: then more than ever.
-            paging.let_go(mapping.map_mut(), link);
-        }
         if self.owes_identity {
             let (board, capacities, is_configured) = (self.board, self.capacities, running.is_some());
             link.send(&FromRobot::Identity(Identity { board, is_configured, capacities }))?;
@@ -169,16 +164,9 @@ impl Robot<'_> {
             let _ = self.said.pop_front();
         }
         let Some(Running { mapping, paging, .. }) = running else { return Ok(()) };
-        if let Some(segment) = mapping.segment() {
-            link.send(&FromRobot::Segment(segment))?;
-            mapping.segment_told();
-        }
-        while let Some(pose) = self.poses.front() {
-            link.send(&FromRobot::Scan(*pose))?;
-            let _ = self.poses.pop_front();
-        }
-        if !is_telling_whole {
-            paging.run(mapping.map_mut(), link)?;
+        tell_path(mapping, &mut self.poses, link)?;
+        if !self.map_report.is_telling_whole() {
+            paging.send(mapping.map_mut(), link)?;
         }
         // A tile that nobody is there for would only be old when somebody comes.
         if link.is_live() {

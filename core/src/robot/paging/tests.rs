@@ -1,11 +1,12 @@
+use super::super::report::TILE_BYTES;
 use super::*;
 use crate::ancestry::{Ancestry, Node, NodeId};
-use crate::distributed_map::{MapMemory, ParticleMapConfig, Print, TileHeader, TileId, Window, WindowFrame};
+use crate::distributed_map::{MapMemory, ParticleMapConfig, Print, Tile, TileHeader, TileId, Window, WindowFrame};
 use crate::geometry::Pose2;
 use crate::rays::Ray;
 use crate::time::{Duration, Instant};
 use crate::wire::frame::MAX_FRAME;
-use crate::wire::message::ToRobot;
+use crate::wire::message::{FromRobot, ToRobot};
 use crate::wire::session::{Received, SessionMemory};
 use std::boxed::Box;
 use std::collections::HashMap;
@@ -19,6 +20,8 @@ const TILE_M: f32 = 1.0;
 const SEEN_M: f32 = 4.0;
 /// Tiles to each side of the robot's.
 const RADIUS: i16 = 6;
+/// From scan to scan.
+const SCAN_EVERY: Duration = Duration::from_millis(500);
 
 fn leak<T: Clone>(value: T, count: usize) -> &'static mut [T] {
     Box::leak(vec![value; count].into())
@@ -90,6 +93,7 @@ impl Pair {
             asked: Vec::new(),
             answers: true,
         };
+        pair.small.map.keep_free(pair.paging.kept_free(120));
         pair.robot.connected(pair.now);
         pair.host.connected(pair.now);
         pair.exchange();
@@ -148,6 +152,13 @@ impl Pair {
 
     /// The robot sees what is about (`x`, 0), and the link has time for what that brings.
     fn see_from(&mut self, x: f32) {
+        self.map_from(x);
+        let next = self.now + SCAN_EVERY;
+        self.exchange();
+        self.now = self.now.max(next);
+    }
+
+    fn map_from(&mut self, x: f32) {
         let ray = |index: u8| {
             let (sin, cos) = crate::math::sin_cos(f32::from(index) * 0.1);
             Ray { direction: Point2::new(cos, sin), length_m: 1.0 + 0.05 * f32::from(index % 60), hit: index & 3 > 0 }
@@ -156,12 +167,8 @@ impl Pair {
         let pose = Pose2::new(x, 0.1, 0.3 * x);
         self.large.print(&rays, pose);
         self.small.print(&rays, pose);
-        self.paging.drive_to(pose.position());
-        for _ in 0..4 {
-            self.paging.let_go(&mut self.small.map, &self.robot);
-            let _ = self.paging.run(&self.small.map, &mut self.robot);
-            self.exchange();
-        }
+        self.paging.scan_mapped(self.now, Some(pose.position()), &mut self.small.map, &self.robot);
+        let _ = self.paging.send(&self.small.map, &mut self.robot);
     }
 
     /// About the robot the small memory holds what the large one holds, and together with the host's everything.
@@ -185,9 +192,45 @@ fn map_about_the_robot_is_that_of_a_larger_memory() {
         pair.see_from(x);
         pair.compare(x);
     }
-    let TileCounts { left, restored, forgotten } = pair.paging.counts;
+    let TileCounts { left, restored, forgotten, late } = pair.paging.counts;
     assert!(pair.large.map.tiles_used() > 400, "{}", pair.large.map.tiles_used());
-    assert!(left > 600 && restored > 300 && forgotten == 0, "{:?}", pair.paging.counts);
+    assert!(left > 600 && restored > 300 && (forgotten, late) == (0, 0), "{:?}", pair.paging.counts);
+}
+
+#[test]
+fn what_leaves_and_returns_goes_by_the_scans_and_not_by_when_the_host_answers() {
+    let (mut prompt, mut slow) = (Pair::new(), Pair::new());
+    for step in (0..200).chain((0..200).rev()) {
+        let x = 0.2 * step as f32;
+        prompt.see_from(x);
+        slow.map_from(x);
+        let next = slow.now + SCAN_EVERY;
+        if step % 2 == 0 {
+            slow.exchange();
+        }
+        slow.now = slow.now.max(next);
+        assert_eq!(prompt.small.map.tiles_used(), slow.small.map.tiles_used(), "at {x} m");
+        assert!(prompt.small.tiles() == slow.small.tiles(), "at {x} m");
+    }
+    assert!(prompt.paging.counts.left > 300 && prompt.paging.counts.restored > 100, "{:?}", prompt.paging.counts);
+    assert_eq!((prompt.paging.counts, prompt.paging.counts.late), (slow.paging.counts, 0));
+}
+
+#[test]
+fn a_host_that_is_too_slow_loses_nothing_and_is_counted() {
+    let mut pair = Pair::new();
+    for step in (0..200).chain((0..200).rev()) {
+        let x = 0.1 * step as f32;
+        pair.map_from(x);
+        let next = pair.now + SCAN_EVERY;
+        if step % 5 == 0 {
+            pair.exchange();
+        }
+        pair.now = pair.now.max(next);
+        pair.compare(x);
+    }
+    let TileCounts { left, restored, forgotten, late } = pair.paging.counts;
+    assert!(left > 100 && restored > 50 && late > 20 && forgotten == 0, "{:?}", pair.paging.counts);
 }
 
 #[test]
@@ -199,10 +242,10 @@ fn unanswered_requests_are_made_again_to_the_next_host() {
     assert_eq!(pair.paging.counts.restored, 0);
     // The next host has the last one's tiles.
     pair.answers = true;
-    pair.paging.forget_request();
+    pair.paging.forget_requests(&mut pair.small.map);
     (20..60).rev().for_each(|step| pair.see_from(0.2 * step as f32));
     assert!(pair.paging.counts.restored > 0);
-    assert_eq!(pair.paging.home, pair.paging.square.unwrap());
+    assert_eq!(pair.paging.returning.home(), pair.paging.square.unwrap());
 }
 
 #[test]
@@ -215,6 +258,6 @@ fn without_a_host_a_share_of_the_memory_waits_and_the_rest_is_forgotten() {
         let outside = pair.small.map.settled_places().filter(|place| !square.contains(*place)).count();
         assert!(outside <= 119 / WAITING_SHARE, "{outside}");
     }
-    let TileCounts { left, restored, forgotten } = pair.paging.counts;
+    let TileCounts { left, restored, forgotten, .. } = pair.paging.counts;
     assert!(left == 0 && restored == 0 && forgotten > 200, "{:?}", pair.paging.counts);
 }
