@@ -269,8 +269,6 @@ impl<'m> Robot<'m> {
 ///
 /// # Errors
 /// [`QueueFullError`] if something waits for room.
-// Not in one stack frame with the mapping of a scan: a segment takes 1 KB.
-#[inline(never)]
 pub(super) fn tell_path(
     mapping: &mut Mapping<'_>,
     poses: &mut heapless::Deque<ScanPose, POSES>,
@@ -290,7 +288,7 @@ pub(super) fn tell_path(
 /// Has tiles leave and come back.
 ///
 /// * `is_told` — the host has heard of the scan, or will before what is queued now
-// As above.
+// As the host's requests: not in one stack frame with the mapping of a scan.
 #[inline(never)]
 fn page(
     paging: &mut Paging,
@@ -314,6 +312,8 @@ fn page(
     }
 }
 
+// Its own frame: what follows from a scan is told when it is gone.
+#[inline(never)]
 fn map_scan(mapping: &mut Mapping<'_>, scan: &RangeScan<'_>, status: &mut Status) -> Result<Mapped, ScanCapacityError> {
     let mapped =
         mapping.add_scan(scan).inspect_err(|_| status.refused_scans = status.refused_scans.saturating_add(1))?;

@@ -77,15 +77,12 @@ pub(super) struct Paging {
 }
 
 impl Paging {
-    /// For a map in which nothing was seen yet; keeps some of its tiles free.
-    pub(super) fn of(mapping: &mut Mapping<'_>) -> Self {
+    /// For a map in which nothing was seen yet.
+    pub(super) fn of(mapping: &Mapping<'_>) -> Self {
         let range_max_m = mapping.config().rays.range_max_m;
-        let map = mapping.map_mut();
-        let tile_m = TILE_SIDE as f32 * map.square_size_m();
+        let tile_m = TILE_SIDE as f32 * mapping.slam().filter().map().square_size_m();
         // The configuration bounds it: 200 m over tiles of 8 cm.
-        let paging = Self::new(tile_m, floor(range_max_m / tile_m) as i16 + 1 + MARGIN);
-        map.keep_free(paging.kept_free(map.tiles_max()));
-        paging
+        Self::new(tile_m, floor(range_max_m / tile_m) as i16 + 1 + MARGIN)
     }
 
     /// For tiles with sides of `tile_m` m, `radius` of them to each side of the robot's.
@@ -119,6 +116,7 @@ impl Paging {
         map: &mut DistributedMap<'_, TILE_SIDE>,
         link: &Session<'_>,
     ) {
+        map.keep_free(self.kept_free(map.tiles_max()));
         robot.into_iter().for_each(|robot| self.drive_to(robot));
         let Self { square: Some(square), leaving, returning, counts, .. } = self else { return };
         returning.settle(now, square, map, counts);

@@ -87,7 +87,7 @@ impl Robot<'_> {
             return;
         }
         let Work::Waiting(idle) = core::mem::replace(&mut self.work, Work::Nothing) else { return };
-        let mut mapping = match Mapping::new(config, idle.mapping) {
+        let mapping = match Mapping::new(config, idle.mapping) {
             Ok(mapping) => mapping,
             Err(error) => {
                 // Its memory is gone with it; a configuration that does not fit needs a restart.
@@ -96,7 +96,7 @@ impl Robot<'_> {
             }
         };
         let laser = Laser::new(&config.laser, idle.telegram, idle.beams);
-        let paging = Paging::of(&mut mapping);
+        let paging = Paging::of(&mapping);
         self.work = Work::Mapping(Running { laser, laser_deadline: NEVER, mapping, paging });
         self.answer = Some(Answer::Configured);
         if self.laser_connected {

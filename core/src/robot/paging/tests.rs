@@ -93,7 +93,6 @@ impl Pair {
             asked: Vec::new(),
             answers: true,
         };
-        pair.small.map.keep_free(pair.paging.kept_free(120));
         pair.robot.connected(pair.now);
         pair.host.connected(pair.now);
         pair.exchange();
