@@ -12,9 +12,9 @@ use rand_core::Rng;
 use crate::de::{self, Bounds, DeConfig, Member};
 use crate::geometry::{Point2, Pose2};
 use crate::math::{hypot, sin_cos, wrap_angle};
-use crate::ndt::{Linearisation, NdtGrid};
+use crate::ndt::{Linearisation, NdtGrid, SHARP_M};
 
-/// Most points that [`MatcherConfig::search_points`] can ask for.
+/// Most points that `search_points` can ask for.
 const SEARCH_POINTS_MAX: usize = 256;
 
 crate::config! {
@@ -69,6 +69,8 @@ crate::config! {
         population: u16 = 300, in 4..=1000;
         /// And as many generations.
         generations: u16 = 60, in 1..=1000;
+        /// Points that this search looks at, as `matcher.search_points` for the usual one. 0: all.
+        search_points: u16 = 0, in 0..=256;
         /// A place found so is believed if its score per point is at least this share of the usual one.
         found_share: f32 = 0.6, in 0.0..=1.0;
         /// While lost the reference is left alone, for this many scans at most.
@@ -108,6 +110,14 @@ pub struct Prediction {
     pub score_expected: f32,
 }
 
+/// How a place is searched for.
+struct Effort {
+    search: SearchConfig,
+    de: DeConfig,
+    /// At most so many of the scan; 0: all.
+    points: u16,
+}
+
 /// Matches scans; see the [module](self).
 #[derive(Debug)]
 pub struct ScanMatcher<'m> {
@@ -133,7 +143,8 @@ impl<'m> ScanMatcher<'m> {
     ) -> Match {
         let prior = Prior::new(&self.config, prediction.map_from_robot);
         let (search, de) = (self.search, self.de);
-        self.search_and_polish(&search, &de, &Objective::new(ndt, points, prior), prediction, rng)
+        let effort = Effort { search, de, points: self.config.search_points };
+        self.search_and_polish(&effort, &Objective::new(ndt, points, prior), prediction, rng)
     }
 
     /// Finds `points` in a wider box and without preferring the prediction: for a robot that is not where it was expected.
@@ -154,21 +165,21 @@ impl<'m> ScanMatcher<'m> {
             rotation_deg: recovery.rotation_deg,
         };
         let de = DeConfig { population: recovery.population, generations: recovery.generations, ..self.de };
-        self.search_and_polish(&search, &de, &Objective::new(ndt, points, prior), prediction, rng)
+        let effort = Effort { search, de, points: recovery.search_points };
+        self.search_and_polish(&effort, &Objective::new(ndt, points, prior), prediction, rng)
     }
 
     /// Local optimum near the prediction, the best of the box, and of these two, polished, the better one.
     fn search_and_polish(
         &mut self,
-        search: &SearchConfig,
-        de: &DeConfig,
+        effort: &Effort,
         objective: &Objective<'_, '_>,
         prediction: &Prediction,
         rng: &mut impl Rng,
     ) -> Match {
         let steps = self.config.newton_steps;
         let near = objective.climb(prediction.map_from_robot, steps);
-        let outcome = self.search_box(search, de, objective, prediction, near.pose, rng);
+        let outcome = self.search_box(effort, objective, prediction, near.pose, rng);
         let [forward, lateral, rotation] = outcome.best.genes;
         let found = prediction.map_from_robot * Pose2::new(forward, lateral, rotation);
         let mut best = Summit { pose: found, value: f32::NEG_INFINITY };
@@ -193,8 +204,7 @@ impl<'m> ScanMatcher<'m> {
     /// DE over the box of table 4.4, in the robot's frame about the prediction.
     fn search_box(
         &mut self,
-        search: &SearchConfig,
-        de: &DeConfig,
+        Effort { search, de, points }: &Effort,
         objective: &Objective<'_, '_>,
         prediction: &Prediction,
         near: Pose2,
@@ -211,7 +221,7 @@ impl<'m> ScanMatcher<'m> {
             *gene = gene.clamp(*low, *high);
         }
         let expected = prediction.score_expected;
-        let chosen = spread(objective.points, self.config.search_points);
+        let chosen = spread(objective.points, *points);
         let objective = if chosen.is_empty() { *objective } else { objective.of_some(&chosen) };
         de::minimise(de, &bounds, start, self.population, rng, |genes, limit| {
             let [forward, lateral, rotation] = *genes;
@@ -245,7 +255,7 @@ impl<'m> ScanMatcher<'m> {
 
     /// Draws `pose` towards the prediction along the weakest axis, the more the less the scene says about it.
     ///
-    /// A Kalman update on that axis: the prediction has the prior's variance, the match that of the laser's noise over the
+    /// A Kalman update on that axis: the prediction has the prior's variance, the match that of a wall (4 cm) over the
     /// number of points that speak about the axis, which is far too optimistic for very few points and therefore raised by
     /// (`constraint_trusted` / constraint)².
     fn settle(&self, objective: &Objective<'_, '_>, pose: Pose2) -> Pose2 {
@@ -254,10 +264,9 @@ impl<'m> ScanMatcher<'m> {
         if prior.position <= 0.0 || constraint >= self.config.constraint_trusted {
             return pose;
         }
-        let noise = objective.ndt.config().noise_m.max(0.01);
         let doubt = self.config.constraint_trusted / constraint.max(1e-6);
         let speaking = constraint.max(1e-6) * objective.points.len() as f32;
-        let variance = noise * noise / speaking * doubt * doubt;
+        let variance = SHARP_M * SHARP_M / speaking * doubt * doubt;
         let gain = 1.0 / (1.0 + variance * prior.position);
         let departure = axis.x * (pose.x - prior.predicted.x) + axis.y * (pose.y - prior.predicted.y);
         let back = (gain - 1.0) * departure;

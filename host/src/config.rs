@@ -420,12 +420,12 @@ mod tests {
     #[test]
     fn robots_have_defaults_of_their_own_and_the_file_wins_over_them() {
         let file = tempfile::NamedTempFile::new().unwrap();
-        std::fs::write(file.path(), "[particles]\nsamples_per_particle = 2\n[ndt]\noverlapping = true\n").unwrap();
+        std::fs::write(file.path(), "[particles]\nsamples_per_particle = 2\n[ndt]\ngrids = 4\n").unwrap();
         let config = RunConfig::load_over(RunConfig::for_robot(), Some(file.path()), &["rays.range_max_m=5".into()]);
         let config = config.unwrap().robot(7, LaserConfig::default());
         let default = RobotConfig::default();
         assert_eq!((config.particles.particles, config.particles.samples_per_particle), (32, 2));
-        assert_eq!((config.ndt.overlapping, config.rays.range_max_m, config.seed), (true, 5.0, 7));
+        assert_eq!((config.ndt.grids, config.rays.range_max_m, config.seed), (4, 5.0, 7));
         assert_eq!(RunConfig::for_robot().robot(default.seed, default.laser), default);
     }
 

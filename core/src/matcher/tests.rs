@@ -9,14 +9,8 @@ use crate::time::Instant;
 use rand_core::SeedableRng;
 use rand_pcg::Pcg32;
 
-const NDT: NdtConfig = NdtConfig {
-    cell_size_m: 0.5,
-    overlapping: true,
-    points_min: 3,
-    count_max: 240,
-    eigenvalue_ratio_min: 0.001,
-    noise_m: 0.02,
-};
+const NDT: NdtConfig =
+    NdtConfig { cell_size_m: 0.5, grids: 4, points_min: 3, count_max: 240, eigenvalue_ratio_min: 0.001, noise_m: 0.02 };
 
 fn points(world: &World, pose: Pose2, radius_m: f32, range_max_m: f32, rng: &mut Pcg32) -> Vec<Point2> {
     let beams = world.scan(pose, range_max_m, 0.01, rng);
@@ -28,6 +22,19 @@ fn points(world: &World, pose: Pose2, radius_m: f32, range_max_m: f32, rng: &mut
 
 /// Matches a scan from `at` against a scan from the origin, both filtered as the thesis does.
 fn match_from(world: &World, at: Pose2, config: &MatcherConfig, range_max_m: f32, seed: u64) -> (Match, Pose2) {
+    matching(world, at, config, range_max_m, seed, |matcher, ndt, source, prediction, rng| {
+        (matcher.align(ndt, source, prediction, rng), matcher.align_locally(ndt, source, prediction))
+    })
+}
+
+fn matching<T>(
+    world: &World,
+    at: Pose2,
+    config: &MatcherConfig,
+    range_max_m: f32,
+    seed: u64,
+    find: impl FnOnce(&mut ScanMatcher<'_>, &NdtGrid<'_>, &[Point2], &Prediction, &mut Pcg32) -> T,
+) -> T {
     let mut rng = Pcg32::seed_from_u64(seed);
     let mut directory = vec![DirectoryEntry::default(); 4 * 128 * 128];
     let mut tiles = vec![NdtTile::EMPTY; 3200];
@@ -37,8 +44,7 @@ fn match_from(world: &World, at: Pose2, config: &MatcherConfig, range_max_m: f32
     let source = points(world, at, 0.1, range_max_m, &mut rng);
     let mut matcher = ScanMatcher::new(&SearchConfig::default(), &DeConfig::default(), config, &mut population);
     let prediction = Prediction { map_from_robot: Pose2::IDENTITY, score_expected: source.len() as f32 };
-    let found = matcher.align(&ndt, &source, &prediction, &mut rng);
-    (found, matcher.align_locally(&ndt, &source, &prediction))
+    find(&mut matcher, &ndt, &source, &prediction, &mut rng)
 }
 
 fn error(found: Pose2, truth: Pose2) -> (f32, f32) {
@@ -80,6 +86,24 @@ fn a_search_with_few_points_finds_displacements_all_over_the_box_too() {
     });
     let found = hits.count();
     assert!(found >= 55, "{found} of 60 found");
+}
+
+#[test]
+fn a_lost_robot_is_found_with_few_points() {
+    let world = World::room();
+    let mut rng = Pcg32::seed_from_u64(9);
+    let recovery = RecoveryConfig { search_points: 32, ..RecoveryConfig::default() };
+    let found = (0..20).filter(|seed| {
+        let truth = Pose2::new(uniform(&mut rng) - 0.5, uniform(&mut rng) - 0.5, 3.0 * uniform(&mut rng) - 1.5);
+        let matched =
+            matching(&world, truth, &MatcherConfig::default(), 8.0, *seed, |matcher, ndt, source, at, rng| {
+                matcher.align_anywhere(ndt, source, at, &recovery, rng)
+            });
+        let (distance, turn) = error(matched.map_from_robot, truth);
+        distance < 0.05 && turn < 1.0
+    });
+    let found = found.count();
+    assert!(found >= 15, "{found} of 20 found");
 }
 
 #[test]

@@ -1,50 +1,76 @@
-//! One cell: running sums of its points, and the normal distribution they make.
+//! One cell: running sums of its points, and the normal distribution they make. All in units of the cell's side, from its centre.
 
 use super::NdtConfig;
 use crate::geometry::Point2;
-use crate::math::exp2_neg;
+use crate::math::{exp2_neg, floor};
 
 /// Fixed-point units along a cell's side.
-const UNITS_PER_CELL: f32 = 2048.0;
+const UNITS_PER_CELL: f32 = 256.0;
+/// The same for a mean: a cell is all of an `i16`.
+const MEAN_UNITS_PER_CELL: f32 = 65_536.0;
 /// Bit of a cell's count that says that the cell stays as it is.
-const FROZEN: u32 = 1 << 31;
+const FROZEN: u16 = 1 << 15;
 /// −½ log₂ e: turns a squared Mahalanobis distance into the exponent of a power of two.
 const MINUS_HALF_LOG2_E: f32 = -0.5 * core::f32::consts::LOG2_E;
+/// An axis of a distribution with this standard deviation, or less, says all about its direction that an axis can, m.
+pub(crate) const SHARP_M: f32 = 0.04;
 
-/// Running sums of the points in one cell, as fixed-point offsets from its centre.
+/// A signed integer of three bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Int24([u8; 3]);
+
+impl Int24 {
+    const ZERO: Self = Self([0; 3]);
+
+    /// The upper byte of `value` is lost.
+    fn of(value: i32) -> Self {
+        let [low, middle, high, _] = value.to_le_bytes();
+        Self([low, middle, high])
+    }
+
+    fn get(self) -> i32 {
+        let [low, middle, high] = self.0;
+        i32::from_le_bytes([0, low, middle, high]) >> 8
+    }
+}
+
+/// Running sums of the points in one cell, as fixed-point offsets from its centre: 16 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct CellSums {
-    count: u32,
-    x: i32,
-    y: i32,
-    xx: i32,
-    xy: i32,
-    yy: i32,
+    count: u16,
+    x: i16,
+    y: i16,
+    xx: Int24,
+    xy: Int24,
+    yy: Int24,
 }
 
 impl CellSums {
-    pub(super) const EMPTY: Self = Self { count: 0, x: 0, y: 0, xx: 0, xy: 0, yy: 0 };
+    pub(super) const EMPTY: Self = Self { count: 0, x: 0, y: 0, xx: Int24::ZERO, xy: Int24::ZERO, yy: Int24::ZERO };
 
     /// Adds (`sign` 1) or removes (−1) a point at (`u`, `v`) cells from the cell's centre.
     ///
-    /// Offsets are at most 1025 units, so 240 squares stay below 2³¹.
-    pub(super) fn update(&mut self, u: f32, v: f32, sign: i32) {
-        let (x, y) = ((u * UNITS_PER_CELL) as i32, (v * UNITS_PER_CELL) as i32);
+    /// Offsets are at most 129 units, so that 240 of them stay below 2¹⁵ and 240 squares below 2²³.
+    pub(super) fn update(&mut self, u: f32, v: f32, sign: i16) {
+        let (x, y) = (floor(u * UNITS_PER_CELL + 0.5), floor(v * UNITS_PER_CELL + 0.5));
         self.count = self.count.saturating_add_signed(sign);
-        for (sum, term) in [
-            (&mut self.x, x),
-            (&mut self.y, y),
-            (&mut self.xx, x.wrapping_mul(x)),
-            (&mut self.xy, x.wrapping_mul(y)),
-            (&mut self.yy, y.wrapping_mul(y)),
-        ] {
-            *sum = sum.wrapping_add(term.wrapping_mul(sign));
+        for (sum, term) in [(&mut self.x, x), (&mut self.y, y)] {
+            *sum = sum.wrapping_add((term as i16).wrapping_mul(sign));
         }
+        let products = [x.wrapping_mul(x), x.wrapping_mul(y), y.wrapping_mul(y)];
+        for (sum, term) in [&mut self.xx, &mut self.xy, &mut self.yy].into_iter().zip(products) {
+            *sum = Int24::of(sum.get().wrapping_add(term.wrapping_mul(i32::from(sign))));
+        }
+    }
+
+    /// True if no point is in it.
+    pub(super) fn is_empty(&self) -> bool {
+        self.count == 0
     }
 
     /// From now on no point is added or removed, if there are `points_min`.
     pub(super) fn freeze(&mut self, points_min: u16) {
-        if self.count >= u32::from(points_min) {
+        if self.count >= points_min {
             self.count |= FROZEN;
         }
     }
@@ -56,57 +82,61 @@ impl CellSums {
 
     /// Halves the evidence once it has reached `count_max` points.
     pub(super) fn fade(&mut self, count_max: u16) {
-        if self.count >= u32::from(count_max) {
+        if self.count >= count_max {
             self.count /= 2;
-            for sum in [&mut self.x, &mut self.y, &mut self.xx, &mut self.xy, &mut self.yy] {
-                *sum /= 2;
+            (self.x, self.y) = (self.x / 2, self.y / 2);
+            for sum in [&mut self.xx, &mut self.xy, &mut self.yy] {
+                *sum = Int24::of(sum.get() / 2);
             }
         }
     }
 
     /// Mean and covariance, guarded; an empty distribution if there are too few points.
-    pub(super) fn gaussian(&self, config: &NdtConfig, centre: Point2) -> Gaussian {
-        if self.count < u32::from(config.points_min) {
+    pub(super) fn gaussian(&self, config: &NdtConfig) -> Gaussian {
+        if self.count < config.points_min {
             return Gaussian::EMPTY;
         }
-        let unit = config.cell_size_m / UNITS_PER_CELL;
-        let n = self.count as f32;
-        let (mx, my) = (self.x as f32 / n, self.y as f32 / n);
-        let scale = unit * unit * n / (n - 1.0);
-        let noise = config.noise_m * config.noise_m;
-        let xx = (self.xx as f32 / n - mx * mx).max(0.0) * scale + noise;
-        let yy = (self.yy as f32 / n - my * my).max(0.0) * scale + noise;
-        let xy = (self.xy as f32 / n - mx * my) * scale;
-        let mean = Point2::new(centre.x + mx * unit, centre.y + my * unit);
-        match scaled_inverse(xx, xy, yy, config.eigenvalue_ratio_min) {
-            Some(scaled) => Gaussian { mean, scaled, weight: 1.0 },
-            None => Gaussian::EMPTY,
-        }
+        let n = f32::from(self.count);
+        let (mx, my) = (f32::from(self.x) / n, f32::from(self.y) / n);
+        let scale = n / (n - 1.0) / (UNITS_PER_CELL * UNITS_PER_CELL);
+        let noise = config.noise_m / config.cell_size_m;
+        let spread = |squares: Int24, mean: f32| (squares.get() as f32 / n - mean * mean).max(0.0) * scale;
+        let (xx, yy) = (spread(self.xx, mx) + noise * noise, spread(self.yy, my) + noise * noise);
+        let xy = (self.xy.get() as f32 / n - mx * my) * scale;
+        // The conversion saturates.
+        let mean = [mx, my].map(|mean| floor(mean * (MEAN_UNITS_PER_CELL / UNITS_PER_CELL) + 0.5) as f32 as i16);
+        scaled_inverse(xx, xy, yy, config.eigenvalue_ratio_min)
+            .map_or(Gaussian::EMPTY, |scaled| Gaussian { mean, scaled })
     }
 }
 
-/// A cell's normal distribution, ready to be evaluated.
+/// A cell's normal distribution, ready to be evaluated: 16 bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Gaussian {
-    /// q: mean, map frame, m.
-    pub(super) mean: Point2,
-    /// Σ⁻¹ as (xx, 2 xy, yy), times −½ log₂ e; 1/m².
+    /// q: mean, in 1/65536 of a cell's side from the cell's centre.
+    pub(super) mean: [i16; 2],
+    /// Σ⁻¹ as (xx, 2 xy, yy), times −½ log₂ e: the first is below 0, or the cell does not count.
     pub(super) scaled: [f32; 3],
-    /// 1 for a cell that counts, 0 for one that does not.
-    pub(super) weight: f32,
 }
 
 impl Gaussian {
     /// A cell that does not count; all zero, so that static pools cost no flash.
-    pub(super) const EMPTY: Self = Self { mean: Point2::new(0.0, 0.0), scaled: [0.0; 3], weight: 0.0 };
+    pub(super) const EMPTY: Self = Self { mean: [0; 2], scaled: [0.0; 3] };
 
-    /// exp(−½ dᵀ Σ⁻¹ d) for a point at `d` from the mean.
-    pub(super) fn density(&self, d: Point2) -> f32 {
-        let [xx, xy2, yy] = self.scaled;
-        self.weight * exp2_neg(d.x * (xx * d.x + xy2 * d.y) + yy * d.y * d.y)
+    /// Mean, cells from the cell's centre.
+    #[inline(always)]
+    pub(super) fn mean(&self) -> [f32; 2] {
+        let [x, y] = self.mean;
+        [in_cells(i32::from(x)), in_cells(i32::from(y))]
     }
 
-    /// Σ⁻¹ as (xx, xy, yy), 1/m².
+    /// exp(−½ dᵀ Σ⁻¹ d) for a point at `d` from the mean, cells.
+    #[inline(always)]
+    pub(super) fn density(&self, d: Point2) -> f32 {
+        density(self.scaled, d.x, d.y)
+    }
+
+    /// Σ⁻¹ as (xx, xy, yy), per squared cell.
     pub(super) fn information(&self) -> [f32; 3] {
         let [xx, xy2, yy] = self.scaled;
         [xx / MINUS_HALF_LOG2_E, 0.5 * xy2 / MINUS_HALF_LOG2_E, yy / MINUS_HALF_LOG2_E]
@@ -117,14 +147,27 @@ impl Gaussian {
         let [xx, xy, yy] = self.information();
         let (half_trace, half_difference) = (0.5 * (xx + yy), 0.5 * (xx - yy));
         let radius = libm::sqrtf(half_difference * half_difference + xy * xy);
-        let noise = config.noise_m.max(0.01);
-        let even_spread = config.cell_size_m * config.cell_size_m / 12.0 + noise * noise;
-        let worth = |information: f32| noise * noise * (information - 1.0 / even_spread).max(0.0);
+        let (noise, sharp) = (config.noise_m / config.cell_size_m, SHARP_M / config.cell_size_m);
+        let even_spread = 1.0 / 12.0 + noise * noise;
+        let worth = |information: f32| (sharp * sharp * (information - 1.0 / even_spread)).clamp(0.0, 1.0);
         let (normal, along) = (worth(half_trace + radius), worth(half_trace - radius));
         let (mean, spread) = (0.5 * (normal + along), 0.5 * (normal - along));
         let (cos2, sin2) = if radius > 0.0 { (half_difference / radius, xy / radius) } else { (1.0, 0.0) };
         [mean + spread * cos2, spread * sin2, mean - spread * cos2]
     }
+}
+
+/// A coordinate of a mean, cells from the cell's centre.
+#[inline(always)]
+pub(super) fn in_cells(mean: i32) -> f32 {
+    mean as f32 * (1.0 / MEAN_UNITS_PER_CELL)
+}
+
+/// [`Gaussian::density`] of its `scaled`; 0 for a cell that does not count.
+#[inline(always)]
+pub(super) fn density([xx, xy2, yy]: [f32; 3], dx: f32, dy: f32) -> f32 {
+    let density = exp2_neg(dx * (xx * dx + xy2 * dy) + yy * dy * dy);
+    if xx < 0.0 { density } else { 0.0 }
 }
 
 /// −½ log₂ e Σ⁻¹ with the smaller eigenvalue raised to `ratio_min` of the larger; `None` if Σ vanishes.

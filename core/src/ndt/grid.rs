@@ -7,38 +7,38 @@ use crate::math::{floor, sin_cos};
 
 /// Cells along a tile's side.
 pub const TILE_CELLS: usize = 1 << TILE_SHIFT;
-const TILE_SHIFT: u32 = 2;
+const TILE_SHIFT: u32 = 1;
 const TILE_AREA: usize = TILE_CELLS * TILE_CELLS;
 /// Farther than this from the origin a point is dropped, m: 16-bit tile coordinates and `f32` give out.
 const REACH_M: f32 = 5_000.0;
 
 /// Cells of one square of the plane. All zero when empty, so that a static pool costs no flash.
+///
+/// What the look-up reads stands together.
 #[derive(Debug, Clone)]
+#[repr(C)]
 pub struct NdtTile {
+    /// Of its place in the plane.
+    key: u32,
     /// Of this tile in the directory, or the next free tile.
     link: u32,
-    /// Points in it.
-    count: u32,
-    sums: [CellSums; TILE_AREA],
     gaussians: [Gaussian; TILE_AREA],
+    sums: [CellSums; TILE_AREA],
 }
 
 impl NdtTile {
     /// A tile without points.
     pub const EMPTY: Self =
-        Self { link: 0, count: 0, sums: [CellSums::EMPTY; TILE_AREA], gaussians: [Gaussian::EMPTY; TILE_AREA] };
+        Self { key: 0, link: 0, sums: [CellSums::EMPTY; TILE_AREA], gaussians: [Gaussian::EMPTY; TILE_AREA] };
 }
 
-/// Which tile holds a place of the plane. All zero when empty.
+/// The tile that holds one of the places of the plane that share this entry; 0 if none does.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct DirectoryEntry {
-    key: u32,
-    tile: u16,
-}
+pub struct DirectoryEntry(u16);
 
 impl DirectoryEntry {
-    /// Of a place without a tile.
-    pub const EMPTY: Self = Self { key: 0, tile: 0 };
+    /// Of places without a tile.
+    pub const EMPTY: Self = Self(0);
 }
 
 /// The memory lent to an [`NdtGrid`] does not fit together.
@@ -77,6 +77,8 @@ pub struct NdtGrid<'m> {
     used: u16,
     /// Tiles forgotten so far.
     evicted: u32,
+    /// While points are inserted: no tile is farther from the robot than this, squared, in cells.
+    farthest: f32,
 }
 
 /// Where a point falls in one layer.
@@ -90,8 +92,7 @@ pub(super) struct Place {
 impl<'m> NdtGrid<'m> {
     /// An empty plane.
     ///
-    /// * `directory` — side² entries (4 side² with overlapping grids), side a power of two; `side` tiles in each
-    ///   direction can be told apart
+    /// * `directory` — side² entries for each grid, side a power of two; `side` tiles in each direction can be told apart
     /// * `tiles` — the pool; one tile of it stays empty
     ///
     /// # Errors
@@ -101,8 +102,8 @@ impl<'m> NdtGrid<'m> {
         directory: &'m mut [DirectoryEntry],
         tiles: &'m mut [NdtTile],
     ) -> Result<Self, NdtMemoryError> {
-        let layers: u32 = if config.overlapping { 4 } else { 1 };
-        let places = directory.len() / layers as usize;
+        let layers = u32::from(config.grids);
+        let places = directory.len() / (layers as usize).max(1);
         let side_shift = places.checked_ilog2().unwrap_or(0) / 2;
         if places == 0 || directory.len() != (layers as usize) << (2 * side_shift) || side_shift > 12 {
             return Err(NdtMemoryError::Directory(directory.len()));
@@ -111,7 +112,7 @@ impl<'m> NdtGrid<'m> {
             return Err(NdtMemoryError::Tiles(tiles.len()));
         }
         *tiles.first_mut().ok_or(NdtMemoryError::Tiles(0))? = NdtTile::EMPTY;
-        directory.fill(DirectoryEntry::default());
+        directory.fill(DirectoryEntry::EMPTY);
         let cells_per_metre = 1.0 / config.cell_size_m;
         let config = *config;
         Ok(Self {
@@ -125,12 +126,13 @@ impl<'m> NdtGrid<'m> {
             free: 0,
             used: 0,
             evicted: 0,
+            farthest: f32::INFINITY,
         })
     }
 
     /// Forgets all points.
     pub fn clear(&mut self) {
-        self.directory.fill(DirectoryEntry::default());
+        self.directory.fill(DirectoryEntry::EMPTY);
         (self.taken, self.free, self.used) = (1, 0, 0);
     }
 
@@ -146,7 +148,7 @@ impl<'m> NdtGrid<'m> {
         &self.config
     }
 
-    /// Number of overlapping grids: 1 or 4.
+    /// Number of overlapping grids.
     pub fn layers(&self) -> u32 {
         self.layers
     }
@@ -159,7 +161,8 @@ impl<'m> NdtGrid<'m> {
     /// Adds `points` (robot frame) seen from `map_from_robot`.
     ///
     /// When the pool is full, the tile farthest from the robot is forgotten for one that is nearer; of two at the same distance the one
-    /// that came first in the pool. A point farther than all tiles is counted and left out. Cost then: the pool is looked through.
+    /// that came first in the pool. A point farther than all tiles is counted and left out. Cost then: the pool is looked through once for each tile
+    /// that is forgotten.
     pub fn insert(&mut self, points: &[Point2], map_from_robot: Pose2) -> InsertReport {
         self.update(points, map_from_robot, 1)
     }
@@ -170,9 +173,10 @@ impl<'m> NdtGrid<'m> {
         self.update(points, map_from_robot, -1);
     }
 
-    fn update(&mut self, points: &[Point2], map_from_robot: Pose2, sign: i32) -> InsertReport {
+    fn update(&mut self, points: &[Point2], map_from_robot: Pose2, sign: i16) -> InsertReport {
         let mut report = InsertReport::default();
         let evicted_before = self.evicted;
+        self.farthest = f32::INFINITY;
         let (sin, cos) = sin_cos(map_from_robot.heading);
         for point in points {
             let in_map = rotate_translate(*point, sin, cos, map_from_robot);
@@ -187,14 +191,11 @@ impl<'m> NdtGrid<'m> {
     }
 
     /// False if the point found no tile.
-    fn update_layer(&mut self, in_map: Point2, layer: u32, sign: i32, robot: Point2) -> bool {
+    fn update_layer(&mut self, in_map: Point2, layer: u32, sign: i16, robot: Point2) -> bool {
         let (u, v) = self.cell_coordinates(in_map, layer);
         let (column, row) = (floor(u), floor(v));
         let place = self.place(column, row, layer);
         let index = if sign > 0 { self.tile_for(place, robot) } else { self.tile_at(place) };
-        let shift = layer_shift(layer);
-        let (left, low) = (column as f32, row as f32);
-        let centre = Point2::new(left + 0.5 - shift.x, low + 0.5 - shift.y) * self.config.cell_size_m;
         let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return false };
         let (Some(sums), Some(gaussian)) =
             (tile.sums.get_mut(place.cell as usize), tile.gaussians.get_mut(place.cell as usize))
@@ -204,11 +205,10 @@ impl<'m> NdtGrid<'m> {
         if sums.is_frozen() {
             return true;
         }
-        sums.update(u - left - 0.5, v - low - 0.5, sign);
+        sums.update(u - column as f32 - 0.5, v - row as f32 - 0.5, sign);
         sums.fade(self.config.count_max);
-        *gaussian = sums.gaussian(&self.config, centre);
-        tile.count = tile.count.saturating_add_signed(sign);
-        if tile.count == 0 {
+        *gaussian = sums.gaussian(&self.config);
+        if tile.sums.iter().all(CellSums::is_empty) {
             self.give_back(place, index);
         }
         true
@@ -216,16 +216,9 @@ impl<'m> NdtGrid<'m> {
 
     /// A point in units of cells, for one layer.
     #[inline(always)]
-    fn cell_coordinates(&self, in_map: Point2, layer: u32) -> (f32, f32) {
+    pub(super) fn cell_coordinates(&self, in_map: Point2, layer: u32) -> (f32, f32) {
         let shift = layer_shift(layer);
         (in_map.x * self.cells_per_metre + shift.x, in_map.y * self.cells_per_metre + shift.y)
-    }
-
-    /// Column and row of the cell that a point falls into, for one layer.
-    #[inline(always)]
-    pub(super) fn cell_of(&self, in_map: Point2, layer: u32) -> (i32, i32) {
-        let (u, v) = self.cell_coordinates(in_map, layer);
-        (floor(u), floor(v))
     }
 
     /// Directory slot, tile and cell of a cell of one layer.
@@ -241,45 +234,66 @@ impl<'m> NdtGrid<'m> {
         }
     }
 
-    /// The tile that holds `place`; the empty tile 0 if there is none.
+    /// The tile that the directory has for `place`, which may be that of another place; the empty tile 0 if there is none.
     #[inline(always)]
+    fn entry(&self, place: Place) -> u16 {
+        self.directory.get(place.slot as usize).map_or(0, |entry| entry.0)
+    }
+
+    /// The tile that holds `place`; 0 if there is none.
     fn tile_at(&self, place: Place) -> u16 {
-        match self.directory.get(place.slot as usize) {
-            Some(entry) if entry.key == place.key => entry.tile,
-            _ => 0,
-        }
+        let index = self.entry(place);
+        if self.key_of(index) == place.key { index } else { 0 }
+    }
+
+    fn key_of(&self, index: u16) -> u32 {
+        self.tiles.get(usize::from(index)).map_or(0, |tile| tile.key)
     }
 
     /// The distribution at `place`; an empty one if there is none.
     #[inline(always)]
     pub(super) fn gaussian_at(&self, place: Place) -> &Gaussian {
-        match self.tiles.get(usize::from(self.tile_at(place))) {
-            Some(tile) => tile.gaussians.get(place.cell as usize).unwrap_or(&Gaussian::EMPTY),
-            None => &Gaussian::EMPTY,
+        match self.tiles.get(usize::from(self.entry(place))) {
+            Some(tile) if tile.key == place.key => tile.gaussians.get(place.cell as usize).unwrap_or(&Gaussian::EMPTY),
+            _ => &Gaussian::EMPTY,
         }
     }
 
     /// The tile that holds `place`, which takes the memory of a farther one if there is no other; 0 if there is none.
     fn tile_for(&mut self, place: Place, robot: Point2) -> u16 {
-        let Some(entry) = self.directory.get(place.slot as usize).copied() else { return 0 };
-        if entry.tile != 0 && entry.key == place.key {
-            return entry.tile;
+        let held = self.entry(place);
+        if held != 0 && self.key_of(held) == place.key {
+            return held;
         }
         let distance = self.distance_to(place.slot, place.key, robot);
-        let index = if entry.tile != 0 {
-            self.evict_if_beyond(distance, Some(entry.tile), robot)
+        let index = if held != 0 {
+            self.evict_if_beyond(distance, Some(held), robot)
         } else {
             match self.take() {
-                0 => self.evict_if_beyond(distance, self.farthest_from(robot), robot),
+                0 => self.evict_farther_than(distance, robot),
                 index => index,
             }
         };
-        let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return 0 };
-        *tile = NdtTile { link: place.slot, ..NdtTile::EMPTY };
-        if let Some(entry) = self.directory.get_mut(place.slot as usize) {
-            *entry = DirectoryEntry { key: place.key, tile: index };
+        let (Some(tile), Some(entry)) =
+            (self.tiles.get_mut(usize::from(index)), self.directory.get_mut(place.slot as usize))
+        else {
+            return 0;
+        };
+        if index != 0 {
+            *tile = NdtTile { key: place.key, link: place.slot, ..NdtTile::EMPTY };
+            *entry = DirectoryEntry(index);
         }
         index
+    }
+
+    /// Frees the tile farthest from the robot if it is farther than `distance`, and returns it; else 0.
+    fn evict_farther_than(&mut self, distance: f32, robot: Point2) -> u16 {
+        if distance >= self.farthest {
+            return 0;
+        }
+        let farthest = self.farthest_from(robot);
+        self.farthest = farthest.map_or(0.0, |index| self.tile_distance(index, robot));
+        self.evict_if_beyond(distance, farthest, robot)
     }
 
     /// Frees `tile` if it is farther from the robot than `distance`, and returns it; else 0.
@@ -300,8 +314,7 @@ impl<'m> NdtGrid<'m> {
     }
 
     fn tile_distance(&self, index: u16, robot: Point2) -> f32 {
-        let slot = self.tiles.get(usize::from(index)).map_or(0, |tile| tile.link);
-        let key = self.directory.get(slot as usize).map_or(0, |entry| entry.key);
+        let (slot, key) = self.tiles.get(usize::from(index)).map_or((0, 0), |tile| (tile.link, tile.key));
         self.distance_to(slot, key, robot)
     }
 
@@ -332,7 +345,7 @@ impl<'m> NdtGrid<'m> {
             (self.tiles.get_mut(usize::from(index)), self.directory.get_mut(place.slot as usize))
         {
             tile.link = u32::from(self.free);
-            *entry = DirectoryEntry::default();
+            *entry = DirectoryEntry::EMPTY;
             self.free = index;
             self.used -= 1;
         }
@@ -344,8 +357,8 @@ pub(super) fn rotate_translate(point: Point2, sin: f32, cos: f32, pose: Pose2) -
     Point2::new(pose.x + cos * point.x - sin * point.y, pose.y + sin * point.x + cos * point.y)
 }
 
-/// Shift of a layer in cells: none, x, y, both.
+/// Shift of a layer in cells: none, both, x, y.
 #[inline(always)]
 fn layer_shift(layer: u32) -> Point2 {
-    Point2::new(0.5 * (layer & 1) as f32, 0.5 * (layer >> 1) as f32)
+    Point2::new(0.5 * ((layer ^ (layer >> 1)) & 1) as f32, 0.5 * (layer & 1) as f32)
 }

@@ -3,11 +3,11 @@
 //! Biber & Straßer 2003; thesis §2.3.3, eq. (2.15) and (4.42). Points → running sums per cell (updated in place, never
 //! rebuilt) → one Gaussian per cell → score of a scan at a pose.
 //!
-//! Cells live in tiles of 4 × 4, tiles in a pool lent by the caller; a directory that wraps around like a torus finds a
+//! Cells live in tiles of 2 × 2, tiles in a pool lent by the caller; a directory that wraps around like a torus finds a
 //! tile from its place in the plane. So the plane has no edge and memory does not depend on how far the robot goes.
 //!
 //! # Invariants
-//! * Sums are integers (offsets from the cell's centre in 1/2048 of its side): the order of insertion does not matter, and
+//! * Sums are integers (offsets from the cell's centre in 1/256 of its side): the order of insertion does not matter, and
 //!   what was added can be removed without a trace (as long as no cell has been halved).
 //! * A cell that reaches `count_max` points is halved, so that no sum overflows and old evidence fades.
 //! * Tile 0 of the pool stays empty: every place without a tile reads it.
@@ -18,6 +18,7 @@ mod cell;
 mod grid;
 mod score;
 
+pub(crate) use cell::SHARP_M;
 pub use grid::{DirectoryEntry, InsertReport, NdtGrid, NdtMemoryError, NdtTile, TILE_CELLS};
 pub use score::Linearisation;
 
@@ -26,18 +27,18 @@ crate::config! {
     pub struct NdtConfig {
         /// Side of a cell, m. Biber and the thesis: 1.0.
         cell_size_m: f32 = 0.3, in 0.05..=10.0;
-        /// Four grids shifted by half a cell in x, y and both, averaged (Biber), instead of one: smoother and more accurate,
-        /// four times the memory; the search for a match uses the first one only.
-        overlapping: bool = true;
+        /// Grids that overlap, averaged: a second one is shifted by half a cell in x and y, a third in x, a fourth in y (Biber has all four).
+        /// More are smoother and more accurate, memory and time are in proportion; the search for a match uses the first one only.
+        grids: u16 = 4, in 1..=4;
         /// Points that a cell needs before it counts. Thesis 2.3.3: 3.
         points_min: u16 = 3, in 2..=100;
         /// Points at which a cell's sums are halved, so that old evidence fades.
         count_max: u16 = 240, in 8..=240;
         /// The smaller eigenvalue of a covariance is at least this share of the larger. Biber: 0.001.
         eigenvalue_ratio_min: f32 = 0.001, in 0.000001..=1.0;
-        /// Standard deviation added to every cell in both directions, m: the laser's own noise and the error of the poses the
-        /// points were seen from. Larger is smoother: fewer false optima, less precise ones. Thesis: 0.
-        noise_m: f32 = 0.04, in 0.0..=1.0;
+        /// Standard deviation added to every cell in both directions, m: the error of the poses the points were seen from. Larger is
+        /// smoother: fewer false optima, less precise ones. Thesis: 0.
+        noise_m: f32 = 0.025, in 0.0..=1.0;
     }
 }
 

@@ -2,13 +2,15 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::cell::Gaussian;
+use super::cell::{self, Gaussian};
 use super::grid::{NdtGrid, rotate_translate};
 use crate::geometry::{Point2, Pose2};
-use crate::math::{exp2_neg, sin_cos};
+use crate::math::{floor, sin_cos};
 
-/// Points evaluated together.
-const LANES: usize = 16;
+/// Points added up together.
+const CHUNK: usize = 16;
+/// Of these, evaluated together: as many as vector instructions take, one where there are none.
+const LANES: usize = if cfg!(target_arch = "arm") { 1 } else { CHUNK };
 
 /// Score of a scan at a pose with its first and second derivatives.
 #[derive(Debug, Clone, Copy)]
@@ -63,101 +65,112 @@ impl NdtGrid<'_> {
             return 0.0; // a robot's first scan is searched for in nothing
         }
         let at = Rotated::new(map_from_robot);
-        let (chunks, rest) = points.as_chunks::<LANES>();
+        let (chunks, rest) = points.as_chunks::<CHUNK>();
         let mut score = 0.0;
         let mut left = points.len() as f32;
         for chunk in chunks {
-            score += self.chunk_score(chunk, LANES, at, layer);
-            left -= LANES as f32;
+            score += self.chunk_score(chunk, CHUNK, at, layer);
+            left -= CHUNK as f32;
             if score + left < at_least {
                 return score;
             }
         }
         if !rest.is_empty() {
-            let mut padded = [Point2::default(); LANES];
+            let mut padded = [Point2::default(); CHUNK];
             padded.iter_mut().zip(rest).for_each(|(to, from)| *to = *from);
             score += self.chunk_score(&padded, rest.len(), at, layer);
         }
         score
     }
 
-    /// Sum over the first `count` of the points: transformed, looked up, evaluated.
+    /// Sum over the first `count` of the points, added in an order that does not depend on how many are evaluated together.
+    #[inline(always)]
+    #[allow(clippy::indexing_slicing, reason = "constant bounds; the form that vectorises")]
+    fn chunk_score(&self, points: &[Point2; CHUNK], count: usize, at: Rotated, layer: u32) -> f32 {
+        let mut density = [0.0_f32; CHUNK];
+        let parts = density.as_chunks_mut::<LANES>().0.iter_mut().zip(points.as_chunks::<LANES>().0);
+        for (densities, points) in parts.take(count.div_ceil(LANES)) {
+            *densities = self.densities(points, at, layer);
+        }
+        density[count..].fill(0.0);
+        let mut sum = [0.0_f32; 4];
+        for i in 0..CHUNK {
+            sum[i & 3] += density[i];
+        }
+        (sum[0] + sum[2]) + (sum[1] + sum[3])
+    }
+
+    /// Densities at the points: transformed, looked up, evaluated.
     ///
-    /// Each stage is a plain loop over lanes, which the compiler turns into vector instructions; all but the look-up. The
-    /// lanes are added in a fixed order, so that the result is the same bits with and without them.
+    /// Each stage is a plain loop over lanes, which the compiler turns into vector instructions; all but the look-up.
     #[inline(always)]
     #[allow(
         clippy::indexing_slicing,
         clippy::needless_range_loop,
         reason = "constant bounds; the form that vectorises"
     )]
-    fn chunk_score(&self, points: &[Point2; LANES], count: usize, at: Rotated, layer: u32) -> f32 {
-        let (mut x, mut y) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+    fn densities(&self, points: &[Point2; LANES], at: Rotated, layer: u32) -> [f32; LANES] {
+        let (mut u, mut v) = ([0.0_f32; LANES], [0.0_f32; LANES]);
         let (mut column, mut row) = ([0_i32; LANES], [0_i32; LANES]);
         for i in 0..LANES {
-            let in_map = at.transform(points[i]);
-            (x[i], y[i]) = (in_map.x, in_map.y);
-            (column[i], row[i]) = self.cell_of(in_map, layer);
+            (u[i], v[i]) = self.cell_coordinates(at.transform(points[i]), layer);
+            (column[i], row[i]) = (floor(u[i]), floor(v[i]));
         }
-        let (mut mean_x, mut mean_y) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+        let (mut mean_u, mut mean_v) = ([0_i32; LANES], [0_i32; LANES]);
         let (mut xx, mut xy2, mut yy) = ([0.0_f32; LANES], [0.0_f32; LANES], [0.0_f32; LANES]);
-        let mut weight = [0.0_f32; LANES];
         for i in 0..LANES {
             let gaussian = self.gaussian_at(self.place(column[i], row[i], layer));
-            (mean_x[i], mean_y[i]) = (gaussian.mean.x, gaussian.mean.y);
+            (mean_u[i], mean_v[i]) = (i32::from(gaussian.mean[0]), i32::from(gaussian.mean[1]));
             [xx[i], xy2[i], yy[i]] = gaussian.scaled;
-            weight[i] = gaussian.weight;
+        }
+        if LANES == 1 && xx[0] >= 0.0 {
+            return [0.0; LANES];
         }
         let mut density = [0.0_f32; LANES];
         for i in 0..LANES {
-            let (dx, dy) = (x[i] - mean_x[i], y[i] - mean_y[i]);
-            density[i] = weight[i] * exp2_neg(dx * (xx[i] * dx + xy2[i] * dy) + yy[i] * dy * dy);
+            let du = u[i] - column[i] as f32 - 0.5 - cell::in_cells(mean_u[i]);
+            let dv = v[i] - row[i] as f32 - 0.5 - cell::in_cells(mean_v[i]);
+            density[i] = cell::density([xx[i], xy2[i], yy[i]], du, dv);
         }
-        density[count..].fill(0.0);
-        let mut sum = [0.0_f32; 4];
-        for i in 0..LANES {
-            sum[i & 3] += density[i];
-        }
-        (sum[0] + sum[2]) + (sum[1] + sum[3])
+        density
     }
 
-    /// Calls `visit` with every point's cell on every layer, and the point's place in the map.
-    fn for_each_cell(&self, points: &[Point2], at: Rotated, mut visit: impl FnMut(&Gaussian, Point2)) {
+    /// Calls `visit` with every point's cell on every layer, the point's distance from the cell's mean in cells, and its place in the map.
+    #[inline(always)]
+    fn for_each_cell(&self, points: &[Point2], at: Rotated, mut visit: impl FnMut(&Gaussian, Point2, Point2)) {
         for point in points {
             let in_map = at.transform(*point);
             for layer in 0..self.layers() {
-                let (column, row) = self.cell_of(in_map, layer);
-                visit(self.gaussian_at(self.place(column, row, layer)), in_map);
+                let (u, v) = self.cell_coordinates(in_map, layer);
+                let (column, row) = (floor(u), floor(v));
+                let gaussian = self.gaussian_at(self.place(column, row, layer));
+                let [mean_u, mean_v] = gaussian.mean();
+                let d = Point2::new(u - column as f32 - 0.5 - mean_u, v - row as f32 - 0.5 - mean_v);
+                visit(gaussian, d, in_map);
             }
         }
     }
 
     /// Score and its derivatives with respect to (x, y, heading) of `map_from_robot`.
     pub fn linearise(&self, points: &[Point2], map_from_robot: Pose2) -> Linearisation {
-        let mut sum = Linearisation {
-            score: 0.0,
-            gradient: Vector3::zeros(),
-            information: Matrix3::zeros(),
-            hessian: Matrix3::zeros(),
-        };
-        let share = 1.0 / self.layers() as f32;
-        self.for_each_cell(points, Rotated::new(map_from_robot), |gaussian, in_map| {
+        let mut sums = Sums::default();
+        self.for_each_cell(points, Rotated::new(map_from_robot), |gaussian, d, in_map| {
             let arm = Point2::new(in_map.x - map_from_robot.x, in_map.y - map_from_robot.y);
-            sum.add(gaussian, in_map - gaussian.mean, arm, share);
+            sums.add(gaussian, d, arm * (1.0 / self.config().cell_size_m));
         });
-        sum
+        sums.linearisation(1.0 / self.layers() as f32, self.config().cell_size_m)
     }
 
     /// How much the matched points say about each direction: Σ s (w_n n nᵀ + w_t t tᵀ) / Σ s as (xx, xy, yy).
     ///
-    /// n and t are the axes of a cell's distribution and w their worth, 1 for an axis as narrow as the laser's noise and 0
+    /// n and t are the axes of a cell's distribution and w their worth, 1 for an axis of 4 cm or less, whatever `noise_m` adds to it, and 0
     /// for one as wide as points spread evenly over the cell: a wall speaks for its normal only, however finely the cells
     /// cut it up, a pillar for both axes. A small eigenvalue means that the scene leaves its axis undetermined.
     pub fn constraint(&self, points: &[Point2], map_from_robot: Pose2) -> [f32; 3] {
         let mut sum = [0.0_f32; 3];
         let mut total = 1e-9_f32;
-        self.for_each_cell(points, Rotated::new(map_from_robot), |gaussian, in_map| {
-            let density = gaussian.density(in_map - gaussian.mean);
+        self.for_each_cell(points, Rotated::new(map_from_robot), |gaussian, d, _| {
+            let density = gaussian.density(d);
             if density > 0.0 {
                 total += density;
                 for (element, term) in sum.iter_mut().zip(gaussian.worth(self.config())) {
@@ -169,10 +182,21 @@ impl NdtGrid<'_> {
     }
 }
 
-impl Linearisation {
+/// Sums over points of a [`Linearisation`], lengths in cells: symmetric matrices as (xx, xy, xh, yy, yh, hh).
+#[derive(Default)]
+struct Sums {
+    score: f32,
+    gradient: [f32; 3],
+    information: [f32; 6],
+    /// What the Hessian has less than the information.
+    rest: [f32; 6],
+}
+
+impl Sums {
     /// Adds one point at `d` from the cell's mean and at `arm` from the robot's centre (map axes).
-    fn add(&mut self, gaussian: &Gaussian, d: Point2, arm: Point2, share: f32) {
-        let s = share * gaussian.density(d);
+    #[inline(always)]
+    fn add(&mut self, gaussian: &Gaussian, d: Point2, arm: Point2) {
+        let s = gaussian.density(d);
         if s <= 0.0 {
             return;
         }
@@ -180,13 +204,31 @@ impl Linearisation {
         let pull = Point2::new(xx * d.x + xy * d.y, xy * d.x + yy * d.y);
         // J = (1 0 −arm.y; 0 1 arm.x); Σ⁻¹ times its third column:
         let turn = Point2::new(xy * arm.x - xx * arm.y, yy * arm.x - xy * arm.y);
-        let turn_turn = turn.y * arm.x - turn.x * arm.y;
-        let slope = Vector3::new(pull.x, pull.y, pull.y * arm.x - pull.x * arm.y);
-        let curvature = Matrix3::new(xx, xy, turn.x, xy, yy, turn.y, turn.x, turn.y, turn_turn);
-        let bend = Matrix3::from_diagonal(&Vector3::new(0.0, 0.0, pull.x * arm.x + pull.y * arm.y));
+        let slope = [pull.x, pull.y, pull.y * arm.x - pull.x * arm.y];
+        let curvature = [xx, xy, turn.x, yy, turn.y, turn.y * arm.x - turn.x * arm.y];
+        let bend = pull.x * arm.x + pull.y * arm.y;
+        let [x, y, h] = [s * slope[0], s * slope[1], s * slope[2]];
+        let rest = [x * pull.x, x * pull.y, x * slope[2], y * pull.y, y * slope[2], h * slope[2] + s * bend];
         self.score += s;
-        self.gradient -= slope * s;
-        self.information += curvature * s;
-        self.hessian += (curvature - slope * slope.transpose() - bend) * s;
+        self.gradient.iter_mut().zip([x, y, h]).for_each(|(sum, term)| *sum -= term);
+        self.information.iter_mut().zip(curvature).for_each(|(sum, term)| *sum += s * term);
+        self.rest.iter_mut().zip(rest).for_each(|(sum, term)| *sum += term);
+    }
+
+    /// `share` of the sums, with a cell's side in m.
+    fn linearisation(&self, share: f32, cell_size_m: f32) -> Linearisation {
+        let per_m = 1.0 / cell_size_m;
+        let lengths = Vector3::new(per_m, per_m, 1.0);
+        let symmetric = |[xx, xy, xh, yy, yh, hh]: [f32; 6]| {
+            let units = lengths * lengths.transpose();
+            Matrix3::new(xx, xy, xh, xy, yy, yh, xh, yh, hh).component_mul(&units) * share
+        };
+        let information = symmetric(self.information);
+        Linearisation {
+            score: self.score * share,
+            gradient: Vector3::from(self.gradient).component_mul(&lengths) * share,
+            information,
+            hessian: information - symmetric(self.rest),
+        }
     }
 }

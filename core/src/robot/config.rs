@@ -80,7 +80,7 @@ pub struct RobotConfig {
 }
 
 impl Default for RobotConfig {
-    /// What fits a microcontroller: one grid of cells instead of four, searches with fewer points and members, 32
+    /// What fits a microcontroller: two grids of cells instead of four, searches with fewer points and members, 32
     /// particles, beams of up to 8 m, fewer of them weighed and printed.
     fn default() -> Self {
         Self {
@@ -88,12 +88,17 @@ impl Default for RobotConfig {
             robot_from_lrf: Pose2::IDENTITY,
             laser: LaserConfig::default(),
             filter: FilterConfig::default(),
-            ndt: NdtConfig { overlapping: false, ..NdtConfig::default() },
+            ndt: NdtConfig { grids: 2, ..NdtConfig::default() },
             search: SearchConfig::default(),
             de: DeConfig::default(),
             matcher: MatcherConfig { search_points: 16, ..MatcherConfig::default() },
             odometry: OdometryConfig::default(),
-            recovery: RecoveryConfig { population: 100, generations: 30, ..RecoveryConfig::default() },
+            recovery: RecoveryConfig {
+                population: 100,
+                generations: 30,
+                search_points: 32,
+                ..RecoveryConfig::default()
+            },
             steps: StepConfig::default(),
             motion: ScanMatchingMotionConfig::default(),
             particles: LowSlamConfig { particles: 32, ..LowSlamConfig::default() },

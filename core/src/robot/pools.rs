@@ -37,7 +37,7 @@ pub struct RobotMemory<'m> {
 /// Pools of a robot as arrays; all zero, so that a static of it costs no flash.
 ///
 /// The parameters are the numbers of map tiles, map tiles about the robot (4ⁿ), particles, nodes (twice as many), beams, cells' tiles, places about
-/// the robot at which those can be (4ⁿ; four times as many for overlapping grids), and bytes that wait for the host.
+/// the robot at which those can be (4ⁿ for each of the two overlapping grids), and bytes that wait for the host.
 #[derive(Debug)]
 pub struct RobotPools<
     const TILES: usize,
@@ -63,13 +63,13 @@ pub struct RobotPools<
 }
 
 /// 32 particles at 8 m within 512 KiB of RAM, stack and buffers included: a Cortex-M7 such as the STM32H743.
-pub type StandardPools = RobotPools<1728, 1024, 32, 64, 682, 180, 1024, 16384>;
+pub type StandardPools = RobotPools<1728, 1024, 32, 64, 682, 966, 8192, 16384>;
 
 /// 12 particles at 4 m within 192 KiB: a Cortex-M4F such as the STM32F405.
-pub type CompactPools = RobotPools<448, 256, 12, 24, 384, 74, 256, 6144>;
+pub type CompactPools = RobotPools<448, 256, 12, 24, 384, 407, 2048, 6144>;
 
 /// 64 particles at 8 m, and minutes that a host may be away: a robot with a Linux computer.
-pub type LargePools = RobotPools<16384, 1024, 64, 128, 682, 4096, 4096, 1_048_576>;
+pub type LargePools = RobotPools<16384, 1024, 64, 128, 682, 16384, 32768, 1_048_576>;
 
 impl<
     const TILES: usize,

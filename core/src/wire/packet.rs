@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Version of this protocol; ends of different versions do not talk.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 
 /// What is in a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

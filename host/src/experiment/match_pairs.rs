@@ -146,9 +146,9 @@ impl Bench {
             self.without_overlap += 1;
             return;
         }
-        let layers = if self.run.ndt.overlapping { 4 } else { 1 };
+        let layers = usize::from(self.run.ndt.grids);
         let config = NdtConfig { cell_size_m: self.config.cell_size_m, ..self.run.ndt };
-        let directory = &mut self.directory[..layers * 256 * 256];
+        let directory = &mut self.directory[..layers * 512 * 512];
         let Ok(mut ndt) = NdtGrid::new(&config, directory, &mut self.tiles) else { return };
         ndt.insert(&reference, Pose2::IDENTITY);
         // A of eq. (4.43), from a scan filtered as the one that is matched.

@@ -273,7 +273,7 @@ struct Bench {
 }
 
 /// Tiles told apart in each direction.
-const SIDE: usize = 128;
+const SIDE: usize = 256;
 
 impl Bench {
     fn new(cell_size_m: f32) -> Self {
@@ -295,7 +295,7 @@ impl Bench {
 
     fn config(&self, method: Method, run: &RunConfig) -> NdtConfig {
         match method {
-            Method::Thesis => NdtConfig { cell_size_m: 1.0, overlapping: false, noise_m: 0.0, ..run.ndt },
+            Method::Thesis => NdtConfig { cell_size_m: 1.0, grids: 1, noise_m: 0.0, ..run.ndt },
             Method::Ours => NdtConfig { cell_size_m: self.cell_size_m, ..run.ndt },
         }
     }
@@ -341,7 +341,7 @@ impl Bench {
 
 /// An empty plane.
 fn cells<'m>(config: &NdtConfig, directory: &'m mut [DirectoryEntry], tiles: &'m mut [NdtTile]) -> Option<NdtGrid<'m>> {
-    let layers = if config.overlapping { 4 } else { 1 };
+    let layers = usize::from(config.grids);
     NdtGrid::new(config, &mut directory[..layers * SIDE * SIDE], tiles).ok()
 }
 

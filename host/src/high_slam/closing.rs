@@ -134,7 +134,7 @@ impl Closer {
     pub fn new(config: &ClosureConfig, ndt: &NdtConfig) -> Self {
         Self {
             config: *config,
-            ndt: NdtConfig { overlapping: true, points_min: 3, ..*ndt },
+            ndt: NdtConfig { grids: 4, points_min: 3, ..*ndt },
             directory: vec![DirectoryEntry::default(); 4 * DIRECTORY_SIDE * DIRECTORY_SIDE],
             tiles: vec![NdtTile::EMPTY; 8192],
             waiting: Vec::new(),

@@ -15,9 +15,9 @@ use crate::config::RunConfig;
 lrfslam_core::config! {
     /// Memory, fixed from the start.
     pub struct MemoryConfig {
-        /// Tiles of 4 × 4 NDT cells (0.8 kB each), for all overlapping grids together. When they are used up those farthest from the
+        /// Tiles of 2 × 2 NDT cells (0.14 kB each), for all overlapping grids together. When they are used up those farthest from the
         /// robot are forgotten.
-        ndt_tiles: u16 = 32768, in 16..=65535;
+        ndt_tiles: u16 = 65535, in 16..=65535;
         /// Points of one scan.
         scan_points: u16 = 4096, in 64..=65535;
         /// Tiles of 16 × 16 squares (0.5 kB each), for all particles' maps together. When they are used up the least likely particles go.
@@ -26,7 +26,7 @@ lrfslam_core::config! {
 }
 
 /// Tiles along the side of the NDT's directory: 614 m of cells of 0.3 m before places are told apart no more.
-const NDT_DIRECTORY_SIDE: usize = 512;
+const NDT_DIRECTORY_SIDE: usize = 1024;
 /// The same of the particles' maps; beyond that only time is lost.
 const DIRECTORY_SIDE: usize = 256;
 /// Squares along the side of a particle map's tile.
@@ -68,7 +68,7 @@ pub(super) struct MatcherPools {
 
 impl MatcherPools {
     fn new(config: &RunConfig) -> Self {
-        let layers = if config.ndt.overlapping { 4 } else { 1 };
+        let layers = usize::from(config.ndt.grids);
         let population = config.de.population.max(config.recovery.population);
         let points = usize::from(config.memory.scan_points);
         let key_scans = match config.odometry.reference {

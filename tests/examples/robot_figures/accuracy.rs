@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, ensure};
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::robot::{CompactPools, Mapping, RobotConfig, StandardPools};
+use lrfslam_core::robot::{CompactPools, LaserConfig, Mapping, RobotConfig, StandardPools};
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::log::LogScan;
 use lrfslam_host::mapper::{Mapper, MapperMemory};
@@ -58,19 +58,20 @@ impl std::fmt::Display for MapError {
     }
 }
 
-fn on_this_computer(scans: &[LogScan]) -> anyhow::Result<Vec<Pose2>> {
-    let config = RunConfig::default();
-    let mut memory = MapperMemory::new(&config, 1);
-    let mut mapper = Mapper::new(&config, 1, &mut memory)?;
+fn on_this_computer(scans: &[LogScan], config: &RunConfig) -> anyhow::Result<Vec<Pose2>> {
+    let mut memory = MapperMemory::new(config, 1);
+    let mut mapper = Mapper::new(config, 1, &mut memory)?;
     let robot_from_lrf = mounting(scans);
     let pose = |scan: &LogScan| Ok(mapper.add_scan(&scan.scan(), robot_from_lrf, None)?.0.map_from_robot);
     scans.iter().map(pose).collect()
 }
 
-pub fn accuracy(log: &Path, truth: Option<&Path>) -> anyhow::Result<()> {
-    let scans = read(log, &RunConfig::default())?;
+pub fn accuracy(log: &Path, truth: Option<&Path>, set: &[String]) -> anyhow::Result<()> {
+    let of_computer = RunConfig::load_over(RunConfig::default(), None, set)?;
+    let of_robot = RunConfig::load_over(RunConfig::for_robot(), None, set)?.robot(0, LaserConfig::default());
+    let scans = read(log, &of_computer)?;
     let robot_from_lrf = mounting(&scans);
-    let computer = on_this_computer(&scans)?;
+    let computer = on_this_computer(&scans, &of_computer)?;
     let truth = truth.map(|path| true_poses(path, &scans)).transpose()?;
     println!("{}: {} scans", log.display(), scans.len());
     let report = |name: &str, poses: &[Pose2]| {
@@ -82,12 +83,12 @@ pub fn accuracy(log: &Path, truth: Option<&Path>) -> anyhow::Result<()> {
     let thin: Vec<LogScan> = scans.iter().map(|scan| thinned(scan, 384)).collect();
     for seed in SEEDS {
         let mut pools = Box::new(StandardPools::EMPTY);
-        let config = RobotConfig { seed, robot_from_lrf, ..RobotConfig::default() };
+        let config = RobotConfig { seed, robot_from_lrf, ..of_robot };
         let done = map(&mut Mapping::new(&config, pools.lend().mapping)?, &scans);
         report(&format!("robot, 512 KiB, seed {seed}"), &done.poses);
         println!("{:>24} {}", "", counts(&done));
         let mut pools = Box::new(CompactPools::EMPTY);
-        let config = RobotConfig { seed, robot_from_lrf, ..compact() };
+        let config = RobotConfig { seed, robot_from_lrf, ..compact(of_robot) };
         let done = map(&mut Mapping::new(&config, pools.lend().mapping)?, &thin);
         report(&format!("robot, 192 KiB, seed {seed}"), &done.poses);
         println!("{:>24} {}", "", counts(&done));
@@ -104,7 +105,7 @@ pub fn distance(log: &Path, path: &Path, other: Option<&Path>) -> anyhow::Result
         ensure!(found == expected, "{}: {found} poses, expected one for each of {expected} scans", path.display());
         Ok(poses.iter().map(|pose| pose.map_from_robot).collect())
     };
-    let other = other.map_or_else(|| on_this_computer(&scans), poses)?;
+    let other = other.map_or_else(|| on_this_computer(&scans, &RunConfig::default()), poses)?;
     println!("map error {}", map_error(&scans, &poses(path)?, &other));
     Ok(())
 }

@@ -53,7 +53,7 @@ pub fn instructions(log: &Path, scans: usize, leave_out: usize) -> anyhow::Resul
     all.drain(first..(first + leave_out).min(all.len()));
     let robot_from_lrf = mounting(&all);
     for (machine, mut config, beams) in
-        [("mps2-an500", RobotConfig::default(), 682), ("mps2-an386-compact", compact(), 384)]
+        [("mps2-an500", RobotConfig::default(), 682), ("mps2-an386-compact", compact(RobotConfig::default()), 384)]
     {
         config.robot_from_lrf = robot_from_lrf;
         let Some(mcu) = Mcu::find(&format!("{machine}-figures")) else { return Ok(()) };

@@ -28,6 +28,9 @@ enum Command {
         log: PathBuf,
         /// Where the robot truly was, TUM
         truth: Option<PathBuf>,
+        /// Change one value of the configuration of all; may be given more than once
+        #[arg(long, value_name = "SECTION.KEY=VALUE")]
+        set: Vec<String>,
     },
     /// Mean distance between where the log's hits lie by one path and by another
     Distance {
@@ -52,7 +55,7 @@ enum Command {
 
 fn main() -> anyhow::Result<()> {
     match &Arguments::parse().command {
-        Command::Accuracy { log, truth } => accuracy::accuracy(log, truth.as_deref()),
+        Command::Accuracy { log, truth, set } => accuracy::accuracy(log, truth.as_deref(), set),
         Command::Distance { log, path, other } => accuracy::distance(log, path, other.as_deref()),
         Command::Instructions { log, scans, leave_out } => instructions::instructions(log, *scans, *leave_out),
         Command::Building(args) => building::building(args),
@@ -75,8 +78,7 @@ fn thinned(scan: &LogScan, beams: usize) -> LogScan {
 }
 
 /// The smaller memory: fewer particles, beams and metres.
-fn compact() -> RobotConfig {
-    let mut config = RobotConfig::default();
+fn compact(mut config: RobotConfig) -> RobotConfig {
     config.particles.particles = 12;
     config.rays.range_max_m = 4.0;
     // They take little time: all of it may look at more.
