@@ -38,7 +38,7 @@ crate::config! {
         eigenvalue_ratio_min: f32 = 0.001, in 0.000001..=1.0;
         /// Standard deviation added to every cell in both directions, m: the error of the poses the points were seen from. Larger is
         /// smoother: fewer false optima, less precise ones. Thesis: 0.
-        noise_m: f32 = 0.025, in 0.0..=1.0;
+        noise_m: f32 = 0.03, in 0.0..=1.0;
     }
 }
 

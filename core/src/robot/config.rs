@@ -80,7 +80,7 @@ pub struct RobotConfig {
 }
 
 impl Default for RobotConfig {
-    /// What fits a microcontroller: two grids of cells instead of four, searches with fewer points and members, 32
+    /// What fits a microcontroller: two grids of cells instead of four, a little sharper, searches with fewer points and members, 32
     /// particles, beams of up to 8 m, fewer of them weighed and printed.
     fn default() -> Self {
         Self {
@@ -88,7 +88,7 @@ impl Default for RobotConfig {
             robot_from_lrf: Pose2::IDENTITY,
             laser: LaserConfig::default(),
             filter: FilterConfig::default(),
-            ndt: NdtConfig { grids: 2, ..NdtConfig::default() },
+            ndt: NdtConfig { grids: 2, noise_m: 0.025, ..NdtConfig::default() },
             search: SearchConfig::default(),
             de: DeConfig::default(),
             matcher: MatcherConfig { search_points: 16, ..MatcherConfig::default() },
