@@ -38,9 +38,7 @@ use crate::wire::session::{QueueFullError, Session};
 const ANSWER_TIME: Duration = Duration::from_millis(1000);
 /// Tiles about the robot beyond the reach of its beams: what particles are apart, and the way that it goes while the host answers.
 const MARGIN: i16 = 2;
-/// This share of all tiles is kept free for those that come back: one side of the square at least, two at most.
-const KEPT_FREE_SHARE: usize = 16;
-/// … and no more than this.
+/// Tiles kept free for those that come back are two sides of the square, for a robot that drives at an angle to its sides, but no more than this.
 const KEPT_FREE_MAX: usize = 64;
 /// Without a host this share of all tiles may be outside of the square.
 const WAITING_SHARE: usize = 8;
@@ -101,9 +99,8 @@ impl Paging {
     /// Of a pool of `tiles`.
     fn kept_free(&self, tiles: usize) -> u16 {
         let side = 2 * usize::from(self.radius.unsigned_abs()) + 1;
-        let share = tiles / KEPT_FREE_SHARE;
-        // A pool that is hardly larger than one side still has room for a map.
-        share.clamp(side, 2 * side).min(KEPT_FREE_MAX).min(tiles / 4) as u16
+        // A pool that is hardly larger than that still has room for a map.
+        (2 * side).min(KEPT_FREE_MAX).min(tiles / 4) as u16
     }
 
     /// A scan was mapped at `now`: everything is decided here.
