@@ -54,12 +54,11 @@ struct Memory {
 
 impl Memory {
     fn new() -> Self {
-        Self { directory: vec![DirectoryEntry::default(); 4 * 512 * 512], tiles: vec![NdtTile::EMPTY; 4000] }
+        Self { directory: vec![DirectoryEntry::default(); 4 * 512 * 512], tiles: vec![NdtTile::EMPTY; 16000] }
     }
 
     fn grid(&mut self, config: &NdtConfig, hits: &[Point2]) -> NdtGrid<'_> {
-        let layers = if config.overlapping { 4 } else { 1 };
-        let directory = &mut self.directory[..layers * 256 * 256];
+        let directory = &mut self.directory[..usize::from(config.grids) * 512 * 512];
         let mut grid = NdtGrid::new(config, directory, &mut self.tiles).expect("the memory has the right form");
         grid.insert(hits, Pose2::IDENTITY);
         grid
@@ -67,11 +66,11 @@ impl Memory {
 }
 
 /// Into a grid that lives on, as the whole map does: items are points.
-#[divan::bench(args = [false, true])]
-fn insert_scan(bencher: Bencher<'_, '_>, overlapping: bool) {
+#[divan::bench(args = [1, 2, 4])]
+fn insert_scan(bencher: Bencher<'_, '_>, grids: u16) {
     let pairs = pairs();
     let mut memory = Memory::new();
-    let mut grid = memory.grid(&NdtConfig { overlapping, ..NdtConfig::default() }, &[]);
+    let mut grid = memory.grid(&NdtConfig { grids, ..NdtConfig::default() }, &[]);
     let points: usize = pairs.iter().map(|pair| pair.hits.len()).sum();
     bencher.counter(ItemsCount::new(points)).bench_local(|| {
         for pair in &pairs {
@@ -98,8 +97,8 @@ fn score(bencher: Bencher<'_, '_>) {
 #[divan::bench(args = ["thesis", "default"])]
 fn whole_match(bencher: Bencher<'_, '_>, kind: &str) {
     let pairs = pairs();
-    let overlapping = kind == "default";
-    let ndt = NdtConfig { cell_size_m: 1.0, overlapping, ..NdtConfig::default() };
+    let grids = if kind == "default" { 4 } else { 1 };
+    let ndt = NdtConfig { cell_size_m: 1.0, grids, ..NdtConfig::default() };
     let mut memories: Vec<_> = pairs.iter().map(|_| Memory::new()).collect();
     let grids = memories.iter_mut().zip(&pairs).map(|(memory, pair)| memory.grid(&ndt, &pair.hits));
     let grids: Vec<_> = grids.collect();
