@@ -49,8 +49,8 @@ pub fn level_from_lrf(floor: &Plane) -> Option<Isometry3<f64>> {
 /// * `map`, `points` — bands of heights, see [`band`]
 /// * `near` — the search is centred here
 pub fn register(map: &[Point2], points: &[Point2], near: Pose2, config: &RegisterConfig) -> Option<Match> {
-    let mut directory = vec![DirectoryEntry::default(); 4 * 512 * 512];
-    let mut tiles = vec![NdtTile::EMPTY; 32768];
+    let mut directory = vec![DirectoryEntry::default(); 4 * 1024 * 1024];
+    let mut tiles = vec![NdtTile::EMPTY; usize::from(u16::MAX)];
     let mut ndt = NdtGrid::new(&NdtConfig::default(), &mut directory, &mut tiles).ok()?;
     ndt.insert(map, Pose2::IDENTITY);
     // The score of a scan that fits everywhere: it is not reached, and the search uses all its generations.

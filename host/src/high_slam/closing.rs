@@ -116,7 +116,7 @@ pub struct Effort {
 }
 
 /// Tiles along the side of the directory of a place's NDT.
-const DIRECTORY_SIDE: usize = 128;
+const DIRECTORY_SIDE: usize = 256;
 
 /// Searches submaps in submaps; holds the memory for it.
 #[derive(Debug)]
@@ -136,7 +136,7 @@ impl Closer {
             config: *config,
             ndt: NdtConfig { grids: 4, points_min: 3, ..*ndt },
             directory: vec![DirectoryEntry::default(); 4 * DIRECTORY_SIDE * DIRECTORY_SIDE],
-            tiles: vec![NdtTile::EMPTY; 8192],
+            tiles: vec![NdtTile::EMPTY; 32768],
             waiting: Vec::new(),
         }
     }
