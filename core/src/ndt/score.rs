@@ -123,6 +123,7 @@ impl NdtGrid<'_> {
             (mean_u[i], mean_v[i]) = (i32::from(gaussian.mean[0]), i32::from(gaussian.mean[1]));
             [xx[i], xy2[i], yy[i]] = gaussian.scaled;
         }
+        // A point that is evaluated alone is done here if it fell into a cell that does not count: many do while a search begins.
         if LANES == 1 && xx[0] >= 0.0 {
             return [0.0; LANES];
         }
