@@ -1,9 +1,7 @@
 //! A localisation under way: scans in, and at the end a folder with the path, what is known at every scan, and a report.
 
 use std::fmt::Write as _;
-use std::fs;
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
@@ -13,9 +11,9 @@ use serde::Serialize;
 
 use crate::config::RunConfig;
 use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerMemory, Located};
-use crate::output::{PendingFile, write_file};
-use crate::run_report::{Program, Source};
-use crate::trajectory::TimedPose;
+use crate::output::write_file;
+use crate::run_report::{Ending, Program, Source};
+use crate::trajectory::{TimedPose, write_trajectory};
 
 const HEADER: &str =
     "scan,time_s,state,x_m,y_m,heading_deg,sigma_x_m,sigma_y_m,sigma_heading_deg,certainty,on_walls,contradicting\n";
@@ -42,7 +40,11 @@ pub struct LocalizeReport {
     pub localisation: LocalizeCounts,
     /// From the first scan to the first one with a pose, s; none if there is none.
     pub first_found_after_s: Option<f64>,
-    /// The log was not read to its end.
+    /// Not all scans of the log are in the results.
+    pub partial: bool,
+    /// How the run ended.
+    pub ending: Ending,
+    /// What ended it early, if anything did.
     pub fault: Option<String>,
 }
 
@@ -50,8 +52,7 @@ pub struct LocalizeReport {
 #[derive(Debug)]
 pub struct LocalizeRun<'m> {
     localizer: Localizer<'m>,
-    out: PathBuf,
-    trajectory_file: PendingFile,
+    path: Vec<TimedPose>,
     table: String,
     scans: u64,
     first: Option<Instant>,
@@ -59,23 +60,19 @@ pub struct LocalizeRun<'m> {
 }
 
 impl<'m> LocalizeRun<'m> {
-    /// A robot somewhere in `map`, or at `start`; results will be in `out`, and that it can be written to is found out here.
+    /// A robot somewhere in `map`, or at `start`.
     ///
     /// # Errors
-    /// If the folder cannot be used, or the memory does not fit the configuration and the map.
-    pub fn open(
-        out: &Path,
+    /// If the memory does not fit the configuration and the map.
+    pub fn new(
         (config, seed): (&RunConfig, u64),
         map: &'m KnownMap,
         start: Option<Pose2>,
         memory: &'m mut LocalizerMemory,
     ) -> anyhow::Result<Self> {
-        let unusable = || format!("{}: cannot be used as output folder", out.display());
-        fs::create_dir_all(out).with_context(unusable)?;
-        let trajectory_file = PendingFile::create(&out.join("trajectory.tum")).with_context(unusable)?;
         let localizer = Localizer::new(config, seed, map, start, memory)?;
         let table = HEADER.to_owned();
-        Ok(Self { localizer, out: out.to_owned(), trajectory_file, table, scans: 0, first: None, first_found: None })
+        Ok(Self { localizer, path: Vec::new(), table, scans: 0, first: None, first_found: None })
     }
 
     /// Takes the next scan; `None` while the robot has not found itself.
@@ -83,7 +80,7 @@ impl<'m> LocalizeRun<'m> {
     /// * `robot_from_lrf` — where the laser sits on the robot
     ///
     /// # Errors
-    /// If the scan has too many points for the memory, or the path cannot be written.
+    /// If the scan has too many points for the memory.
     pub fn add_scan(&mut self, scan: &RangeScan<'_>, robot_from_lrf: Pose2) -> anyhow::Result<Option<Located>> {
         let located = self.localizer.add_scan(scan, robot_from_lrf)?;
         self.first.get_or_insert(scan.stamp);
@@ -94,8 +91,7 @@ impl<'m> LocalizeRun<'m> {
             Some(located) => {
                 self.first_found.get_or_insert(scan.stamp);
                 push_row(&mut self.table, located);
-                let pose = TimedPose { stamp: scan.stamp, map_from_robot: located.map_from_robot };
-                pose.write_tum(&mut self.trajectory_file).with_context(|| cannot_write(&self.out, "trajectory.tum"))?;
+                self.path.push(TimedPose { stamp: scan.stamp, map_from_robot: located.map_from_robot });
             }
         }
         self.scans += 1;
@@ -112,23 +108,24 @@ impl<'m> LocalizeRun<'m> {
         self.localizer.counts()
     }
 
-    /// Writes the results.
+    /// Writes the results as they are now into `folder`.
     ///
     /// * `describe` — completes the report
     ///
     /// # Errors
     /// If a file cannot be written.
-    pub fn finish(
-        mut self,
+    pub fn write_into(
+        &self,
+        folder: &Path,
         describe: impl FnOnce(LocalizeCounts, Option<f64>) -> LocalizeReport,
     ) -> anyhow::Result<LocalizeReport> {
-        self.trajectory_file.flush().with_context(|| cannot_write(&self.out, "trajectory.tum"))?;
         let after = self.first.zip(self.first_found).map(|(first, found)| found.since(first).micros as f64 / 1e6);
         let report = describe(self.localizer.counts(), after);
-        self.trajectory_file.finish().with_context(|| cannot_write(&self.out, "trajectory.tum"))?;
+        write_trajectory(&folder.join("trajectory.tum"), &self.path)?;
         let text = serde_json::to_string_pretty(&report)? + "\n";
         for (name, text) in [("localization.csv", &self.table), ("run.json", &text)] {
-            write_file(&self.out.join(name), text.as_bytes()).with_context(|| cannot_write(&self.out, name))?;
+            let file = folder.join(name);
+            write_file(&file, text.as_bytes()).with_context(|| format!("{}: cannot be written", file.display()))?;
         }
         Ok(report)
     }
@@ -145,8 +142,4 @@ fn push_row(table: &mut String, located: &Located) {
         pose.heading.to_degrees(),
         heading.to_degrees(),
     );
-}
-
-fn cannot_write(folder: &Path, name: &str) -> String {
-    format!("{}: cannot be written", folder.join(name).display())
 }

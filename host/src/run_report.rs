@@ -10,6 +10,7 @@ use sha2::{Digest, Sha256};
 use crate::config::RunConfig;
 use crate::high_slam::HighCounts;
 use crate::log::{LogCounts, LogFormat};
+use crate::map_run::Quality;
 use crate::mapper::MatchCounts;
 use crate::step_table::ParticleSummary;
 
@@ -37,12 +38,30 @@ pub struct RunReport {
     pub particles: Option<ParticleSummary>,
     /// What the high level did, if there is one.
     pub high: Option<HighCounts>,
+    /// How far the map is to be trusted.
+    pub quality: Quality,
     /// Time spent and memory used.
     pub cost: Cost,
-    /// The log was not read to its end: results stop at the fault.
+    /// Not all scans that there were are in the results.
     pub partial: bool,
-    /// Why.
+    /// How the run ended.
+    pub ending: Ending,
+    /// What ended it early, if anything did.
     pub fault: Option<String>,
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ending {
+    /// All scans that there were, or that the user wanted, are in the results.
+    Complete,
+    /// It has not: these are the results on the way. If the run is over, it was killed.
+    Running,
+    /// The user did not wait for the end of the log.
+    Interrupted,
+    /// Something went wrong on the way.
+    Failed,
 }
 
 /// Where scans came from.

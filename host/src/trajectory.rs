@@ -7,9 +7,11 @@
 use std::io::{self, Write};
 use std::path::Path;
 
+use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::Instant;
 
+use crate::output::PendingFile;
 use crate::pose_f64::PoseF64;
 use crate::table::{TableError, read_table};
 use crate::text_input::{FieldFault, Words, fault};
@@ -38,6 +40,19 @@ impl TimedPose {
             (if micros < 0 { "-" } else { "" }, micros.unsigned_abs() / 1_000_000, micros.unsigned_abs() % 1_000_000);
         writeln!(out, "{sign}{seconds}.{rest:06} {:.6} {:.6} 0 0 0 {qz:.9} {qw:.9}", pose.x, pose.y)
     }
+}
+
+/// Writes the file `file` in TUM's format, a line for each pose, in the order of `poses`.
+///
+/// # Errors
+/// If it cannot be written; it is named.
+pub fn write_trajectory(file: &Path, poses: &[TimedPose]) -> anyhow::Result<()> {
+    let write = || {
+        let mut out = PendingFile::create(file)?;
+        poses.iter().try_for_each(|pose| pose.write_tum(&mut out))?;
+        out.finish()
+    };
+    write().with_context(|| format!("{}: cannot be written", file.display()))
 }
 
 /// Reads a trajectory: TUM's eight columns or `t x y θ`, plain or gzip, `#` comments.

@@ -206,11 +206,12 @@ fn a_robot_that_starts_anew_gets_a_folder_of_its_own() {
 #[test]
 fn what_cannot_be_attached_to_is_said() {
     let folder = tempfile::tempdir().unwrap();
-    let (code, _, stderr) = run(folder.path(), &["attach", "--port", "x", "--lrf", "hokuyo", "--resume"]);
+    let resume = ["attach", "--port", "x", "--lrf", "hokuyo", "--resume", "--out", "robot-map"];
+    let (code, _, stderr) = run(folder.path(), &resume);
     assert_eq!((code, stderr.as_str()), (2, "lrfslam: robot-map: nothing to resume, there is no robot.journal\n"));
     fs::create_dir(folder.path().join("robot-map")).unwrap();
     fs::write(folder.path().join("robot-map/robot.journal"), "something else").unwrap();
-    let (code, _, stderr) = run(folder.path(), &["attach", "--port", "x", "--lrf", "hokuyo", "--resume"]);
+    let (code, _, stderr) = run(folder.path(), &resume);
     assert!(code == 2 && stderr.contains("robot-map/robot.journal: expected a robot's journal"), "{stderr}");
     let (code, _, stderr) = run(folder.path(), &["attach", "--port", "x", "--lrf", "ld06"]);
     assert!(code == 2 && stderr.contains("hokuyo"), "{stderr}");

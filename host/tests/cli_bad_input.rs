@@ -22,7 +22,7 @@ fn log_of(scans: u32) -> String {
 /// Runs `map` on a log of `content`; returns exit code and the single line on stderr.
 fn map(folder: &Path, content: &[u8], more: &[&str]) -> (i32, String) {
     fs::write(folder.join("a.log"), content).unwrap();
-    let args = [&["map", "a.log", "--out", "out"], more].concat();
+    let args = [&["map", "a.log", "--out", "out", "--overwrite"], more].concat();
     let (code, _, stderr) = run(folder, &args);
     (code, stderr)
 }

@@ -74,7 +74,7 @@ fn a_nodding_laser_on_a_moving_robot_sees_the_room_as_it_is() {
     write_drive(folder.path());
     let arguments = ["cloud", "room.log", "--trajectory", "path.txt", "--tilt", "tilt.txt", "--height", "0.4"];
     let rest = ["--mirror-ahead", "0.05", "--mirror-above", "0.1", "--voxel", "0"];
-    let (code, stdout, stderr) = run(folder.path(), &[&arguments[..], &rest].concat());
+    let (code, stdout, stderr) = run(folder.path(), &[&arguments[..], &rest, &["--out", "cloud"]].concat());
     assert_eq!((code, stderr.as_str()), (0, ""), "{stdout}");
     assert!(stdout.contains(" points of 5430 hits") && stdout.ends_with("results in cloud\n"), "{stdout}");
 

@@ -16,7 +16,8 @@ fn example(name: &str) -> String {
 fn experiment(folder: &Path, name: &str, more: &[&str]) -> (serde_json::Value, String) {
     let (log, truth) = (example("floor.log.gz"), example("floor.tum.gz"));
     let arguments = ["experiment", name, &log, "--trajectory", &truth, "--poses", "40", "--seed", "1,2", "--gap", "2"];
-    let (code, stdout, stderr) = run(folder, &[&arguments, more].concat());
+    let out = ["--out", name, "--overwrite"];
+    let (code, stdout, stderr) = run(folder, &[&arguments[..], &out, more].concat());
     assert_eq!((code, stderr.as_str()), (0, ""));
     let report = fs::read(folder.join(name).join("report.json")).unwrap();
     (serde_json::from_slice(&report).unwrap(), stdout)
@@ -91,7 +92,7 @@ fn same_input_same_bytes_and_wrong_input_is_named() {
 fn the_loop_of_the_example_floor_closes_with_each_number_of_levels() {
     let folder = tempfile::tempdir().unwrap();
     let (log, truth) = (example("floor.log.gz"), example("floor.tum.gz"));
-    let arguments = ["experiment", "loop", &log, "--truth", &truth, "--seeds", "1", "--levels", "0,2"];
+    let arguments = ["experiment", "loop", &log, "--truth", &truth, "--seeds", "1", "--levels", "0,2", "--out", "loop"];
     let (code, stdout, stderr) = run(folder.path(), &arguments);
     assert_eq!((code, stderr.as_str()), (0, ""));
     assert!(stdout.contains("| 0 | 1 of 1 |") && stdout.contains("| 2 | 1 of 1 |"), "{stdout}");

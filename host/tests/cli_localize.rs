@@ -87,7 +87,7 @@ fn a_robot_finds_itself_and_only_in_the_right_map() {
     assert!(apart < RIGHT_M, "{apart} m");
 
     let (code, stdout, _) = run(folder, &["localize", "later.log", "--map", "other", "--out", "nowhere"]);
-    assert_eq!(code, 0);
+    assert_eq!(code, 3);
     assert!(stdout.contains("the robot has not found itself in the map"), "{stdout}");
     assert_eq!(fs::read(folder.join("nowhere/trajectory.tum")).unwrap(), b"");
     assert_eq!(fs::read(folder.join("all/map.lrfslam")).unwrap(), map_before, "the map is not changed");

@@ -11,11 +11,12 @@ fn map_writes_all_its_results() {
     let folder = tempfile::tempdir().unwrap();
     let log: String = (0..40).map(|i| flaser(i, 180)).collect();
     fs::write(folder.path().join("hall.log"), log).unwrap();
-    let (code, stdout, stderr) = run(folder.path(), &["map", "hall.log", "--odometry", "--set", "map.cell_size_m=0.1"]);
+    let (code, stdout, stderr) =
+        run(folder.path(), &["map", "hall.log", "--out", "hall", "--odometry", "--set", "map.cell_size_m=0.1"]);
     assert_eq!((code, stderr.as_str()), (0, ""));
-    assert!(stdout.starts_with("40 scans in ") && stdout.ends_with("results in hall-map\n"), "{stdout}");
+    assert!(stdout.starts_with("40 scans in ") && stdout.ends_with("results in hall\n"), "{stdout}");
 
-    let out = folder.path().join("hall-map");
+    let out = folder.path().join("hall");
     let mut names: Vec<_> = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
     assert_eq!(names, ["map.lrfslam", "map.pgm", "map.png", "map.yaml", "run.json", "steps.csv", "trajectory.tum"]);
@@ -41,7 +42,7 @@ fn threads_change_nothing_and_particles_do() {
     let folder = tempfile::tempdir().unwrap();
     drive_log(folder.path());
     let results = |flags: &[&str]| {
-        let arguments = [&["map", "hall.log", "--out", "out", "-q"], flags].concat();
+        let arguments = [&["map", "hall.log", "--out", "out", "--overwrite", "-q"], flags].concat();
         assert_eq!(run(folder.path(), &arguments), (0, String::new(), String::new()));
         let out = folder.path().join("out");
         (fs::read(out.join("trajectory.tum")).unwrap(), fs::read(out.join("map.pgm")).unwrap())

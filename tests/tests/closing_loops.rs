@@ -35,9 +35,8 @@ fn map(
     truth: &[TimedPose],
     threads: usize,
 ) -> (Vec<TimedPose>, TruthReport, HighCounts) {
-    let folder = tempfile::tempdir().unwrap();
     let mut memory = RunMemory::new(config, threads);
-    let mut run = MapRun::open(folder.path(), config, 1, &mut memory).unwrap();
+    let mut run = MapRun::new(config, 1, &mut memory).unwrap();
     for scan in scans {
         run.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or_default(), None).unwrap();
     }

@@ -4,23 +4,27 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration as WallDuration, Instant as WallInstant, SystemTime, UNIX_EPOCH};
 
-use anyhow::{Context as _, anyhow};
+use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use lrfslam_core::robot::{LaserConfig, LaserFamily};
 use lrfslam_core::wire::message::{FromRobot, Status, ToRobot};
 use lrfslam_core::wire::session::VERSION;
 
 use super::laser::{interrupt_flag, parse_baud, say};
+use super::out::{OutArgs, SaveArgs};
 use super::summary::summary;
 use super::{Failure, print};
 use crate::config::RunConfig;
 use crate::link::Address;
+use crate::output::ResultFolder;
 use crate::robot::{ClientMemory, JOURNAL, LinkEvent, RobotClient, RobotEvent, RobotLink, RobotRun, Told};
+use crate::run_report::Ending;
 
 /// Attach to a robot that does the SLAM itself (firmware, or robot-sim), until ctrl-C, which stops its laser and writes the map.
 ///
 /// Configures the robot, keeps what it tells, closes loops, and writes what `lrfslam run` writes; also robot-map.pgm and .yaml, the
-/// map as the robot has it, and robot.journal, all that it told. A robot that starts anew gets a folder of its own: DIR-2, DIR-3 …
+/// map as the robot has it, and robot.journal, all that it told. A robot that starts anew gets a folder of its own: DIR-2, DIR-3 …, the
+/// first that is not there.
 #[derive(Debug, Args)]
 pub(super) struct AttachArgs {
     /// Serial port of the robot, such as /dev/ttyACM0, or tcp:HOST:PORT.
@@ -38,11 +42,12 @@ pub(super) struct AttachArgs {
     /// Hokuyo: merge so many neighbouring steps into one beam.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=99))]
     cluster: u8,
-    /// Folder for the results; made if it is not there.
-    #[arg(long, value_name = "DIR", default_value = "robot-map")]
-    out: PathBuf,
-    /// Go on with what an earlier attach has stored in DIR.
-    #[arg(long)]
+    #[command(flatten)]
+    out: OutArgs,
+    #[command(flatten)]
+    save: SaveArgs,
+    /// Go on with what an earlier attach has stored in the folder --out, its last robot's if there were several.
+    #[arg(long, requires = "out", conflicts_with = "overwrite")]
     resume: bool,
     /// The robot forgets what it has done so far, and begins anew.
     #[arg(long, conflicts_with = "resume")]
@@ -116,7 +121,7 @@ impl AttachArgs {
 pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
     let stop = interrupt_flag().map_err(Failure::Start)?;
     let config = args.config()?;
-    let mut book = Book::open(args, &config).map_err(Failure::Start)?;
+    let mut book = Book::open(args, &config)?;
     let mut memory = ClientMemory::default();
     let robot = config.robot(args.seed, args.laser());
     let resume = book.run.as_ref().and_then(RobotRun::progress);
@@ -127,13 +132,18 @@ pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
     let mut link = RobotLink::new(&args.port, args.baud, client);
     while !stop.load(Ordering::Relaxed) && !book.is_enough() {
         link.serve(LISTEN, &mut |event| book.take(event));
+        book.damaged_frames = link.client().session().counters().frames.damaged;
         book.tell_now_and_then();
+        book.save_if_due();
     }
     if !args.keep_running {
         end(&mut link, &mut book);
     }
     book.damaged_frames = link.client().session().counters().frames.damaged;
     book.close(None);
+    if book.life == 0 && book.fault.is_none() {
+        return Err(Failure::Work(anyhow!("no robot came: no results were written")));
+    }
     book.fault.map_or(Ok(()), |fault| Err(Failure::Work(fault)))
 }
 
@@ -170,6 +180,10 @@ struct Book<'a> {
     args: &'a AttachArgs,
     config: &'a RunConfig,
     run: Option<RobotRun>,
+    /// Claimed for the first life.
+    folder: Option<ResultFolder>,
+    /// That of the first life.
+    first: Option<PathBuf>,
     /// Number of the robot's life that `run` is about, from 1.
     life: u32,
     messages: u64,
@@ -182,40 +196,47 @@ struct Book<'a> {
 }
 
 /// DIR, DIR-2, DIR-3 …
-fn folder(out: &Path, life: u32) -> PathBuf {
-    if life <= 1 {
-        return out.to_owned();
-    }
-    let mut name = out.as_os_str().to_owned();
-    name.push(format!("-{life}"));
-    name.into()
+fn lives(out: &Path) -> impl Iterator<Item = PathBuf> {
+    let numbered = |life: u32| {
+        let mut name = out.as_os_str().to_owned();
+        name.push(format!("-{life}"));
+        PathBuf::from(name)
+    };
+    std::iter::once(out.to_owned()).chain((2..).map(numbered))
+}
+
+/// Of these the last that has a journal, and which life it is.
+fn last_life(out: &Path) -> Option<(u32, PathBuf)> {
+    let there = (1..).zip(lives(out)).take_while(|(_, folder)| folder.exists());
+    there.filter(|(_, folder)| folder.join(JOURNAL).exists()).last()
 }
 
 impl<'a> Book<'a> {
-    fn open(args: &'a AttachArgs, config: &'a RunConfig) -> anyhow::Result<Self> {
-        let mut book = Self {
+    fn open(args: &'a AttachArgs, config: &'a RunConfig) -> Result<Self, Failure> {
+        let (mut folder, mut run, mut life) = (None, None, 0);
+        match args.out.named().filter(|_| args.resume) {
+            Some(out) => {
+                let none = || anyhow!("{}: nothing to resume, there is no {JOURNAL}", out.display());
+                let (last, place) = last_life(out).ok_or_else(none).map_err(Failure::Start)?;
+                let stored = ResultFolder::go_on(&place).and_then(|stored| RobotRun::resume(stored, config, args.seed));
+                (run, life) = (Some(stored.map_err(Failure::Start)?), last);
+            }
+            None => folder = Some(args.out.folder("robot")?),
+        }
+        Ok(Self {
             args,
             config,
-            run: None,
-            life: 0,
+            run,
+            folder,
+            first: args.out.named().map(Path::to_owned),
+            life,
             messages: 0,
             robots_to_come: if args.restart { 2 } else { 0 },
             told_at: WallInstant::now(),
             is_lost: false,
             damaged_frames: 0,
             fault: None,
-        };
-        if args.resume {
-            let stored = |life: &u32| folder(&args.out, *life).join(JOURNAL).exists();
-            book.life = (1..).take_while(stored).last().unwrap_or(0);
-            let none = || format!("{}: nothing to resume, there is no {JOURNAL}", args.out.display());
-            anyhow::ensure!(book.life > 0, none());
-            book.run = Some(RobotRun::resume(&folder(&args.out, book.life), config, args.seed)?);
-        } else {
-            std::fs::create_dir_all(&args.out)
-                .with_context(|| format!("{}: cannot be used as output folder", args.out.display()))?;
-        }
-        Ok(book)
+        })
     }
 
     fn say(&self, text: &str) {
@@ -288,21 +309,43 @@ impl<'a> Book<'a> {
             self.close(Some(&anyhow!("the robot started anew")));
         }
         self.life += 1;
-        match RobotRun::open(&folder(&self.args.out, self.life), self.config, self.args.seed) {
+        let opened = self.next_folder().and_then(|folder| RobotRun::open(folder, self.config, self.args.seed));
+        match opened {
             Ok(run) => self.run = Some(run),
             Err(fault) => self.fail(fault),
         }
     }
 
+    /// The one claimed at the start, later the first that is not there.
+    fn next_folder(&mut self) -> anyhow::Result<ResultFolder> {
+        if let Some(folder) = self.folder.take() {
+            self.first.get_or_insert(folder.named().to_owned());
+            return Ok(folder);
+        }
+        let first = self.first.clone().unwrap_or_default();
+        let place = lives(&first).find(|place| !place.exists()).unwrap_or_default();
+        ResultFolder::claim(&place, false)
+    }
+
     /// Writes what is known of the robot's life.
     fn close(&mut self, why: Option<&anyhow::Error>) {
-        let Some(run) = self.run.take() else { return };
+        let Some(mut run) = self.run.take() else { return };
         let why = why.or(self.fault.as_ref());
-        let done = run.finish(&self.args.port.to_string(), self.damaged_frames, why).and_then(|report| {
-            let text = summary(&report, &folder(&self.args.out, self.life));
+        let ending = if why.is_some() { Ending::Failed } else { Ending::Complete };
+        let port = self.args.port.to_string();
+        let done = run.save((&port, self.damaged_frames), ending, why).and_then(|report| {
+            let text = summary(&report, run.folder().named());
             print(&text).map_err(|_| anyhow!("standard output cannot be written"))
         });
         done.unwrap_or_else(|fault| self.fail(fault));
+    }
+
+    fn save_if_due(&mut self) {
+        let Some(run) = self.run.as_mut().filter(|run| run.folder().is_due(self.args.save.every())) else { return };
+        let port = self.args.port.to_string();
+        if let Err(error) = run.save((&port, self.damaged_frames), Ending::Running, None) {
+            say(&format!("{error:#}; going on, and trying again in a while"));
+        }
     }
 
     fn is_enough(&self) -> bool {

@@ -1,6 +1,5 @@
 //! `lrfslam cloud`: scans of a tilted laser to a cloud of points.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
@@ -11,6 +10,8 @@ use nalgebra::{Isometry3, Translation3};
 use serde::Serialize;
 
 use super::cloud_summary::{log_summary, stops_summary};
+use super::map::stem;
+use super::out::OutArgs;
 use super::{Failure, print};
 use crate::cloud::{
     Cloud, CloudCounts, CloudPoint, EdgeFilter, Paint, PlaneConfig, Projection, RegisterConfig, StopReport,
@@ -32,9 +33,8 @@ use crate::trajectory::{TimedPose, read_trajectory};
 pub(super) struct CloudArgs {
     /// A log, or a folder in 3DTK's format.
     input: PathBuf,
-    /// Folder for the results; made if it is not there.
-    #[arg(long, value_name = "DIR", default_value = "cloud")]
-    out: PathBuf,
+    #[command(flatten)]
+    out: OutArgs,
     #[command(flatten)]
     tilted: TiltArgs,
     /// With a folder: where its stops were.
@@ -154,12 +154,13 @@ pub(super) fn run(args: &CloudArgs) -> Result<(), Failure> {
         stops,
     };
     let text = serde_json::to_string_pretty(&report).map_err(Failure::work)? + "\n";
-    write_results(args, &points, &text).map_err(Failure::Work)?;
+    let mut folder = args.out.folder(&stem(&args.input, "cloud"))?;
+    folder.save(|stage| write_results(args, stage, &points, &text)).map_err(Failure::Work)?;
     if args.json {
         return print(&text);
     }
     let summary = if report.stops.is_empty() { log_summary(&report) } else { stops_summary(&report) };
-    print(&format!("{summary}results in {}\n", args.out.display()))
+    print(&format!("{summary}results in {}\n", folder.named().display()))
 }
 
 fn edges(args: &CloudArgs) -> Option<EdgeFilter> {
@@ -250,9 +251,8 @@ fn mounting(args: &TiltArgs, robot_from_lrf: PoseF64) -> TiltMounting {
     }
 }
 
-fn write_results(args: &CloudArgs, points: &[CloudPoint], report: &str) -> anyhow::Result<()> {
-    fs::create_dir_all(&args.out).with_context(|| format!("{}: cannot be made", args.out.display()))?;
-    let (look, named) = (args.look, |name: &str| args.out.join(name));
+fn write_results(args: &CloudArgs, folder: &Path, points: &[CloudPoint], report: &str) -> anyhow::Result<()> {
+    let (look, named) = (args.look, |name: &str| folder.join(name));
     let coloured = look.colour.apply(points);
     write_points(&named("cloud.ply"), |out| write_ply(&coloured, out))?;
     write_points(&named("cloud.pcd"), |out| write_pcd(&coloured, out))?;

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use super::out::OutArgs;
+
 /// Show everything at once: a simulated robot drives, and its laser is mapped live.
 ///
 /// A robot drives through a simulated building, with a laser on a pseudo-terminal; the real driver and the whole of SLAM follow it live.
@@ -11,9 +13,9 @@ use clap::{Args, ValueEnum};
 /// folder. Takes less than two minutes.
 #[derive(Debug, Args)]
 pub struct DemoArgs {
-    /// Folder for the results; made if it is not there.
-    #[arg(long, value_name = "DIR", default_value = "demo")]
-    pub out: PathBuf,
+    /// Where results go.
+    #[command(flatten)]
+    pub out: OutArgs,
     /// The laser.
     #[arg(long, value_enum, default_value_t = DemoLrf::Lms200)]
     pub lrf: DemoLrf,

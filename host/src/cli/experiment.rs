@@ -9,6 +9,7 @@ use clap::{Args, Subcommand};
 use super::cloud::{TiltArgs, from_log};
 use super::experiment_starts::{self, StartsArgs};
 use super::experiment_sweep::{self, SweepArgs};
+use super::out::OutArgs;
 use super::{Failure, print};
 use crate::cloud::EdgeFilter;
 use crate::config::RunConfig;
@@ -63,9 +64,8 @@ struct LoopArgs {
     /// The loop counts as closed if the robot is nowhere farther off than this as seen from its earlier visit to the place, m.
     #[arg(long, value_name = "METRES", default_value_t = 0.5)]
     closed: f64,
-    /// Folder for the results.
-    #[arg(long, value_name = "DIR", default_value = "loop")]
-    out: PathBuf,
+    #[command(flatten)]
+    out: OutArgs,
     /// Configuration; `lrfslam config` prints one.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -158,16 +158,16 @@ fn run_loops(args: &LoopArgs) -> Result<(), Failure> {
     let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
     let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
     let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
+    let mut folder = args.out.folder("loop")?;
     let each = args.levels.iter().flat_map(|levels| (1..=args.seeds).map(move |seed| (*levels, seed)));
-    let runs = each.map(|which| run_loop(&config, which, &scans, &truth, &args.out, args.closed));
+    let runs = each.map(|which| run_loop(&config, which, &scans, &truth, args.closed));
     let runs: Vec<LoopRun> = runs.collect::<Result<_, _>>().map_err(Failure::Work)?;
     let table = loop_markdown(&runs);
-    for (name, text) in [("loop.csv", loop_csv(&runs)), ("loop.md", table.clone())] {
-        let file = args.out.join(name);
-        let written = write_file(&file, text.as_bytes());
-        written.with_context(|| format!("{}: cannot be written", file.display())).map_err(Failure::Work)?;
-    }
-    print(&table)
+    let files = [("loop.csv", loop_csv(&runs)), ("loop.md", table.clone())];
+    folder
+        .save(|stage| Ok(files.iter().try_for_each(|(name, text)| write_file(&stage.join(name), text.as_bytes()))?))
+        .map_err(Failure::Work)?;
+    print(&format!("{table}\nresults in {}\n", folder.named().display()))
 }
 
 fn run_growth(args: &GrowthArgs) -> Result<(), Failure> {

@@ -1,12 +1,12 @@
 //! `lrfslam experiment de-population | de-generations | lrf-noise | motion-model`: the thesis's sweeps over scan pairs.
 
-use std::fs;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::Args;
 use lrfslam_core::de::DeConfig;
 
+use super::out::OutArgs;
 use super::{Failure, print};
 use crate::config::RunConfig;
 use crate::experiment::{
@@ -25,9 +25,8 @@ pub(super) struct SweepArgs {
     /// The true path of the log's scans: a pose for each, TUM or `t x y theta`.
     #[arg(long, value_name = "FILE")]
     trajectory: PathBuf,
-    /// Folder for the results; made if it is not there [default: the experiment's name, here].
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    #[command(flatten)]
+    out: OutArgs,
     /// Pairs of scans, spread evenly over the log (the thesis: 366 poses).
     #[arg(long, value_name = "N", default_value_t = 366, value_parser = clap::value_parser!(u32).range(1..1_000_000))]
     poses: u32,
@@ -78,9 +77,9 @@ pub(super) fn run(experiment: Experiment, args: &SweepArgs) -> Result<(), Failur
     let model = (experiment == Experiment::MotionModel).then(|| fit_motion_model(&ours));
     let text = markdown(experiment, &report, model.as_ref());
     let results = Results { cases: &cases, report: &report, model: model.as_ref(), ours: &ours, text: &text };
-    let out = args.out.clone().unwrap_or_else(|| PathBuf::from(name(experiment)));
-    results.write(&out).map_err(Failure::Work)?;
-    print(&format!("{text}\nresults in {}\n", out.display()))
+    let mut folder = args.out.folder(name(experiment))?;
+    folder.save(|stage| results.write(stage)).map_err(Failure::Work)?;
+    print(&format!("{text}\nresults in {}\n", folder.named().display()))
 }
 
 fn name(experiment: Experiment) -> &'static str {
@@ -119,7 +118,6 @@ struct Results<'a> {
 
 impl Results<'_> {
     fn write(&self, out: &std::path::Path) -> anyhow::Result<()> {
-        fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
         let mut csv = Vec::new();
         write_csv(self.cases, &self.report.errors, &mut csv)?;
         let mut files = vec![

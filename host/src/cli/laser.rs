@@ -76,12 +76,17 @@ impl LaserArgs {
     }
 }
 
-/// A flag that ctrl-C sets.
-pub(super) fn interrupt_flag() -> anyhow::Result<&'static AtomicBool> {
+/// A flag that ctrl-C sets; a second one ends the program at once, whose results are whole at any moment.
+pub fn interrupt_flag() -> anyhow::Result<&'static AtomicBool> {
     static STOP: AtomicBool = AtomicBool::new(false);
     static ONCE: Once = Once::new();
     let mut caught = Ok(());
-    ONCE.call_once(|| caught = ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)));
+    let stop = || {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    };
+    ONCE.call_once(|| caught = ctrlc::set_handler(stop));
     caught.context("ctrl-C cannot be caught")?;
     Ok(&STOP)
 }

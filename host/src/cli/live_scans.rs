@@ -1,8 +1,12 @@
-//! The loop over scans that `run` and `replay` share: every scan is mapped, and at the end the results are written.
+//! The loop over scans that `run` and `replay` share: every scan is mapped, and the results are written on the way and at the end.
 
+use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
+use std::time::{Duration as WallDuration, Instant as WallInstant};
+
+use anyhow::anyhow;
 
 use clap::Args;
 use lrfslam_core::geometry::Pose2;
@@ -11,20 +15,24 @@ use lrfslam_core::sweep::SpeedLimits;
 use lrfslam_core::time::{Duration, Instant};
 
 use super::laser::say;
+use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
 use super::summary::summary;
 use super::{Failure, print};
 use crate::config::{RunConfig, SpeedConfig};
+use crate::driver::HostClock;
 use crate::live::{Item, ScanSource, SourceReport, for_each_scan};
-use crate::map_run::{MapRun, RunMemory};
-use crate::run_report::{LaserCounts, Source};
+use crate::map_run::{About, MapRun, RunMemory};
+use crate::output::ResultFolder;
+use crate::run_report::{Ending, LaserCounts, Source};
 
 /// How to map, and when to end by itself.
 #[derive(Debug, Args)]
 pub(super) struct Mapping {
-    /// Folder for the results; made if it is not there.
-    #[arg(long, value_name = "DIR", default_value = "live-map")]
-    out: PathBuf,
+    #[command(flatten)]
+    out: OutArgs,
+    #[command(flatten)]
+    save: SaveArgs,
     /// Configuration; `lrfslam config` prints one.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -51,36 +59,51 @@ pub(super) struct Mapping {
 pub(super) fn map_live(name: &str, source: &ScanSource, stop: &AtomicBool, args: &Mapping) -> Result<(), Failure> {
     let config = args.particles.load(args.config.as_deref(), &args.set)?;
     let mut memory = RunMemory::new(&config, args.particles.threads());
-    let map = MapRun::open(&args.out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
-    let mut session = Session::new(map, &config, args);
+    let map = MapRun::new(&config, args.seed, &mut memory).map_err(Failure::Start)?;
+    let folder = args.out.folder("run")?;
+    let mut session = Session::new(name, map, folder, &config, args);
     let done = for_each_scan(source, stop, &mut |item| session.take(item));
     let report = done.map_err(Failure::Start)?;
-    session.finish(name, &report)
+    session.finish(&report)
 }
+
+/// From one line about a live run to the next.
+const TELL_EVERY: WallDuration = WallDuration::from_secs(2);
 
 /// One laser, one map.
 struct Session<'a, 'm> {
+    name: &'a str,
     args: &'a Mapping,
     map: MapRun<'m>,
+    folder: ResultFolder,
     robot_from_lrf: Pose2,
     watch: SpeedWatch,
     stamps: Option<(Instant, Instant)>,
+    clock: HostClock,
+    /// When a line was last told, and how many scans there were then.
+    told: (WallInstant, usize),
     fault: Option<anyhow::Error>,
 }
 
 impl<'a, 'm> Session<'a, 'm> {
-    fn new(map: MapRun<'m>, config: &RunConfig, args: &'a Mapping) -> Self {
+    fn new(name: &'a str, map: MapRun<'m>, folder: ResultFolder, config: &RunConfig, args: &'a Mapping) -> Self {
         let robot_from_lrf = config.robot_from_lrf();
         let watch = SpeedWatch { config: config.speed, robot_from_lrf, too_fast: 0, last: None };
-        Self { args, map, robot_from_lrf, watch, stamps: None, fault: None }
+        let (clock, told) = (HostClock::default(), (WallInstant::now(), 0));
+        Self { name, args, map, folder, robot_from_lrf, watch, stamps: None, clock, told, fault: None }
+    }
+
+    fn say(&self, text: &str) {
+        if !self.args.quiet {
+            say(text);
+        }
     }
 
     fn take(&mut self, item: Item<'_>) -> ControlFlow<()> {
         match item {
             Item::Scan(scan) => self.take_scan(&scan),
-            Item::Identified(identity) if !self.args.quiet => say(identity.model.trim()),
-            Item::Said(text) if !self.args.quiet => say(text),
-            Item::Identified(_) | Item::Said(_) => {}
+            Item::Identified(identity) => self.say(identity.model.trim()),
+            Item::Said(text) => self.say(text),
         }
         if self.fault.is_some() || self.is_enough() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
@@ -90,12 +113,44 @@ impl<'a, 'm> Session<'a, 'm> {
         self.stamps = Some((first, scan.stamp));
         match self.map.add_scan(scan, self.robot_from_lrf, None) {
             Ok(step) => {
-                let is_new = self.watch.is_too_fast(scan, step.odometry.matched.map_from_robot);
-                if is_new && !self.args.quiet {
-                    say("the robot moves faster than the laser's rate allows: the map suffers");
+                if self.watch.is_too_fast(scan, step.odometry.matched.map_from_robot) {
+                    self.say("the robot moves faster than the laser's rate allows: the map suffers");
                 }
+                self.tell_now_and_then(scan.stamp, step.map_from_robot);
+                self.save_if_due();
             }
             Err(error) => self.fault = Some(error),
+        }
+    }
+
+    /// On a terminal: where the robot is, how many scans a second, and how late they are mapped.
+    fn tell_now_and_then(&mut self, stamp: Instant, map_from_robot: Pose2) {
+        let ((at, scans_then), scans) = (self.told, self.map.scans());
+        if self.args.quiet || at.elapsed() < TELL_EVERY || !std::io::stderr().is_terminal() {
+            return;
+        }
+        self.told = (WallInstant::now(), scans);
+        let rate = (scans - scans_then) as f64 / at.elapsed().as_secs_f64();
+        let late_ms = self.clock.now().since(stamp).micros as f64 / 1e3;
+        // A recording is not late.
+        let late = if late_ms < 60_000.0 { format!(", mapped after {late_ms:.0} ms") } else { String::new() };
+        let loops = self.map.high_counts().map_or(String::new(), |high| format!(", {} loops closed", high.closures));
+        let Pose2 { x, y, heading } = map_from_robot;
+        say(&format!(
+            "{scans} scans, {rate:.1} a second{late}; robot at {x:.2} m, {y:.2} m, {:.0}°{loops}",
+            heading.to_degrees()
+        ));
+    }
+
+    fn save_if_due(&mut self) {
+        if self.folder.is_due(self.args.save.every()) {
+            // What the driver has counted is told at the end.
+            let about =
+                self.about(LaserCounts { too_fast: self.watch.too_fast, ..LaserCounts::default() }, Ending::Running);
+            let saved = self.folder.save(|stage| self.map.write_into(stage, &about));
+            if let Err(error) = saved {
+                say(&format!("{error:#}; going on, and trying again in a while"));
+            }
         }
     }
 
@@ -105,16 +160,26 @@ impl<'a, 'm> Session<'a, 'm> {
             || self.args.seconds.is_some_and(|limit| seconds >= limit)
     }
 
-    fn finish(self, name: &str, report: &SourceReport) -> Result<(), Failure> {
+    fn about(&self, laser: LaserCounts, ending: Ending) -> About {
+        let source = Source::Laser { port: self.name.to_owned(), laser };
+        About { source, odometry: false, ending, fault: self.fault.as_ref().map(|error| format!("{error:#}")) }
+    }
+
+    /// Writes the results; without a scan what was there before stays.
+    fn finish(mut self, report: &SourceReport) -> Result<(), Failure> {
+        if self.map.scans() == 0 {
+            return Err(Failure::Work(anyhow!("no scan came: no results were written")));
+        }
         let laser = LaserCounts {
             damaged: report.counters.damaged,
             restarts: report.counters.restarts,
             overrun: report.overrun,
             too_fast: self.watch.too_fast,
         };
-        let source = Source::Laser { port: name.to_owned(), laser };
-        let report = self.map.finish(source, false, self.fault.as_ref()).map_err(Failure::Work)?;
-        print(&summary(&report, &self.args.out))?;
+        let about = self.about(laser, if self.fault.is_some() { Ending::Failed } else { Ending::Complete });
+        let map = &mut self.map;
+        let report = self.folder.save(|stage| map.write_into(stage, &about)).map_err(Failure::Work)?;
+        print(&summary(&report, self.folder.named()))?;
         self.fault.map_or(Ok(()), |fault| Err(Failure::Work(fault)))
     }
 }

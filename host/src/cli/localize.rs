@@ -2,17 +2,20 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use lrfslam_core::geometry::Pose2;
 
-use super::map::{input, progress_bar};
+use super::laser::interrupt_flag;
+use super::map::{input, progress_bar, stem};
+use super::out::OutArgs;
 use super::{Failure, print};
 use crate::config::RunConfig;
 use crate::localize::{KnownMap, LocalizeCounts, LocalizerMemory};
 use crate::localize_run::{LocalizeReport, LocalizeRun};
 use crate::log::LogReader;
-use crate::run_report::{Program, Source};
+use crate::run_report::{Ending, Program, Source};
 use crate::saved_map::SavedMap;
 
 /// Find and track the robot in a map that was made before; the map is not changed.
@@ -29,9 +32,8 @@ pub(super) struct LocalizeArgs {
     /// Where the robot starts in the map: metres and degrees, or "end", where it was last when the map was made. Without this it finds itself.
     #[arg(long, value_name = "X,Y,DEG", value_parser = start, allow_hyphen_values = true)]
     start: Option<Start>,
-    /// Folder for the results; made if it is not there [default: the log's name with -localized behind it, here].
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    #[command(flatten)]
+    out: OutArgs,
     /// Configuration; what it leaves out is as the map was made with.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -91,21 +93,21 @@ pub(super) fn config_of(saved: &SavedMap, file: Option<&Path>, set: &[String]) -
 }
 
 pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
+    let stop = interrupt_flag().map_err(Failure::Start)?;
     let saved = SavedMap::read(&args.map).map_err(Failure::start)?;
     let config = config_of(&saved, args.config.as_deref(), &args.set)?;
     let map = KnownMap::new(&saved, &config).map_err(|error| not_whole(&args.map, &error))?;
     let mut log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let out = args.out.clone().unwrap_or_else(|| super::map::folder_for(&args.log, "localized"));
     let about = input(&args.log, &log).map_err(Failure::Start)?;
     let start = args.start.map(|start| start.pose(&map));
     let mut memory = LocalizerMemory::new(&config);
-    let opened = LocalizeRun::open(&out, (&config, args.seed), &map, start, &mut memory);
-    let mut run = opened.map_err(Failure::Start)?;
+    let mut run = LocalizeRun::new((&config, args.seed), &map, start, &mut memory).map_err(Failure::Start)?;
+    let mut folder = args.out.folder(&stem(&args.log, "localized"))?;
     let progress = progress_bar(log.size_bytes(), args.quiet);
-    let fault = locate_scans(&mut log, &mut run, &config, &progress).err();
+    let (ending, fault) = locate_scans(&mut log, &mut run, &config, (&progress, stop));
     progress.finish_and_clear();
     let source = Source::Log { input: about, log: log.counts(), range_max_m: log.range_max_m() };
-    let report = run.finish(|localisation, first_found_after_s| LocalizeReport {
+    let describe = |localisation, first_found_after_s| LocalizeReport {
         program: Program::THIS,
         map: args.map.display().to_string(),
         map_program: saved.program.clone(),
@@ -115,15 +117,23 @@ pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
         start: start.map(|pose| [pose.x, pose.y, pose.heading.to_degrees()]),
         localisation,
         first_found_after_s,
+        partial: ending != Ending::Complete,
+        ending,
         fault: fault.as_ref().map(|error| format!("{error:#}")),
-    });
-    let report = report.map_err(Failure::Work)?;
+    };
+    let report = folder.save(|stage| run.write_into(stage, describe)).map_err(Failure::Work)?;
     if !args.quiet {
-        print(&summary(&report, &out))?;
+        print(&summary(&report, folder.named()))?;
     }
-    match fault {
-        None => Ok(()),
-        Some(fault) => Err(Failure::Work(fault.context(format!("partial results are in {}", out.display())))),
+    let partial = || format!("partial results are in {}", folder.named().display());
+    match (ending, fault) {
+        (_, Some(fault)) => Err(Failure::Work(fault.context(partial()))),
+        (Ending::Interrupted, None) => Err(Failure::Interrupted(anyhow::anyhow!(partial()))),
+        _ if report.first_found_after_s.is_none() => {
+            let map = args.map.display();
+            Err(Failure::NotFound(anyhow::anyhow!("the robot has not found itself in the map in {map}")))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -136,18 +146,25 @@ fn locate_scans(
     log: &mut LogReader,
     run: &mut LocalizeRun<'_>,
     config: &RunConfig,
-    progress: &indicatif::ProgressBar,
-) -> anyhow::Result<()> {
+    (progress, stop): (&indicatif::ProgressBar, &AtomicBool),
+) -> (Ending, Option<anyhow::Error>) {
     let bytes_read = log.bytes_read();
     for scan in log.by_ref() {
-        let scan = scan?;
-        let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
-        run.add_scan(&scan.scan(), robot_from_lrf)?;
+        let located = scan.map_err(anyhow::Error::new).and_then(|scan| {
+            let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
+            run.add_scan(&scan.scan(), robot_from_lrf)
+        });
+        if let Err(fault) = located {
+            return (Ending::Failed, Some(fault));
+        }
+        if stop.load(Ordering::Relaxed) {
+            return (Ending::Interrupted, None);
+        }
         let rate = run.scans() as f64 / progress.elapsed().as_secs_f64().max(1e-6);
         progress.set_message(format!("{rate:.0} scans/s"));
         progress.set_position(bytes_read.get());
     }
-    Ok(())
+    (Ending::Complete, None)
 }
 
 fn summary(report: &LocalizeReport, out: &Path) -> String {

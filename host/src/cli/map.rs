@@ -1,33 +1,40 @@
 //! `lrfslam map`: log in; trajectory, map, picture and report out.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context as _;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use super::continuing::{ReadAhead, verified_start};
+use super::laser::{interrupt_flag, say};
 use super::localize::Start;
+use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
 use super::summary::summary;
 use super::{Failure, print};
 use crate::config::RunConfig;
 use crate::log::LogReader;
-use crate::map_run::{MapRun, RunMemory};
-use crate::run_report::{Input, RunReport, Source, sha256_of_file};
+use crate::map_run::{About, MapRun, RunMemory};
+use crate::output::ResultFolder;
+use crate::run_report::{Ending, Input, RunReport, Source, sha256_of_file};
 use crate::saved_map::SavedMap;
 
 /// Map a recorded laser log.
 ///
 /// LOG is a CARMEN log (FLASER, ROBOTLASER1), a DP-SLAM log or tinySLAM's URG-04LX sample, plain or gzip. Written are
 /// trajectory.tum (the robot's pose for every scan), map.pgm and map.yaml (for ROS), map.png (for people), steps.csv
-/// (what the particle filter did), run.json and map.lrfslam (for `lrfslam localize`).
+/// (what the particle filter did), run.json and map.lrfslam (for `lrfslam localize`). Ctrl-C ends the run early; what was
+/// mapped until then is written.
 #[derive(Debug, Args)]
 pub(super) struct MapArgs {
     /// The log.
     log: PathBuf,
-    /// Folder for the results; made if it is not there [default: the log's name with -map behind it, here].
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    #[command(flatten)]
+    out: OutArgs,
+    #[command(flatten)]
+    save: SaveArgs,
     /// Configuration; `lrfslam config` prints one.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -40,9 +47,13 @@ pub(super) struct MapArgs {
     /// Go on with a map made before: its path, scans and configuration stay, and the log is added. Results go to --out.
     #[arg(long = "continue", value_name = "DIR")]
     continued: Option<PathBuf>,
-    /// Where the robot starts in that map, m and degrees; `lrfslam localize` finds out [default: "end", where it was last].
+    /// Where the robot starts in that map: x and y in metres and degrees, or "end", where it was last [default: there if that fits the map,
+    /// else wherever it finds itself]. A start that does not fit the map is refused.
     #[arg(long, value_name = "X,Y,DEG", requires = "continued", allow_hyphen_values = true, value_parser = super::localize::start)]
     start: Option<Start>,
+    /// Believe --start without a look at the map: for a robot that begins where the map knows little.
+    #[arg(long, requires = "start")]
+    trust_start: bool,
     /// Predict motion by the log's odometry; without this none of it is read.
     #[arg(long)]
     odometry: bool,
@@ -54,50 +65,89 @@ pub(super) struct MapArgs {
 }
 
 pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
+    let stop = interrupt_flag().map_err(Failure::Start)?;
     let saved = args.continued.as_deref().map(SavedMap::read).transpose().map_err(Failure::start)?;
     let defaults = saved.as_ref().map_or_else(RunConfig::default, |saved| saved.config);
     let config = args.particles.load_over(defaults, args.config.as_deref(), &args.set)?;
-    let mut log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let out = args.out.clone().unwrap_or_else(|| folder_for(&args.log, "map"));
+    let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
     let input = input(&args.log, &log).map_err(Failure::Start)?;
+    let mut scans = ReadAhead::new(log);
     let mut memory = RunMemory::new(&config, args.particles.threads());
-    let mut map = MapRun::open(&out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
-    if let (Some(saved), Some(folder)) = (&saved, &args.continued) {
-        map.go_on(saved, folder, args.start.and_then(Start::told)).map_err(Failure::Start)?;
+    let mut map = MapRun::new(&config, args.seed, &mut memory).map_err(Failure::Start)?;
+    let mut start = args.start.and_then(Start::told);
+    if let (Some(saved), Some(folder), false) = (&saved, &args.continued, args.trust_start) {
+        start = verified_start(saved, folder, (&config, args.seed), args.start, &mut scans)?;
     }
-    let progress = progress_bar(log.size_bytes(), args.quiet);
-    let fault = map_scans(&mut log, &mut map, &config, args.odometry, &progress).err();
+    let mut folder = args.out.folder(&stem(&args.log, "map"))?;
+    if let (Some(saved), Some(folder)) = (&saved, &args.continued) {
+        map.go_on(saved, folder, start).map_err(Failure::Start)?;
+    }
+    let progress = progress_bar(scans.log().size_bytes(), args.quiet);
+    let mut mapping = Mapping { args, config: &config, input, scans, folder: &mut folder, stop };
+    let (ending, fault) = mapping.map_scans(&mut map, &progress);
     progress.finish_and_clear();
-    let source = Source::Log { input, log: log.counts(), range_max_m: log.range_max_m() };
-    let report = map.finish(source, args.odometry, fault.as_ref());
+    let about = mapping.about(ending, fault.as_ref());
+    let report = mapping.folder.save(|stage| map.write_into(stage, &about));
     let report = report.map_err(|error| Failure::Work(with_cause(error, fault.as_ref())))?;
     if !args.quiet {
-        print(&summary(&report, &out))?;
+        print(&summary(&report, folder.named()))?;
     }
-    match fault {
-        None => Ok(()),
-        Some(fault) => Err(Failure::Work(fault.context(partial_notice(&report, &out)))),
+    let notice = || partial_notice(&report, folder.named());
+    match (ending, fault) {
+        (_, Some(fault)) => Err(Failure::Work(fault.context(notice()))),
+        (Ending::Interrupted, None) => Err(Failure::Interrupted(anyhow::anyhow!(notice()))),
+        _ => Ok(()),
     }
 }
 
-/// Maps scan after scan until the log ends or a fault ends it early.
-fn map_scans(
-    log: &mut LogReader,
-    map: &mut MapRun<'_>,
-    config: &RunConfig,
-    odometry: bool,
-    progress: &ProgressBar,
-) -> anyhow::Result<()> {
-    let bytes_read = log.bytes_read();
-    for scan in log.by_ref() {
-        let scan = scan?;
-        let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
-        map.add_scan(&scan.scan(), robot_from_lrf, scan.map_from_robot_odometry.filter(|_| odometry))?;
-        let rate = map.scans() as f64 / progress.elapsed().as_secs_f64().max(1e-6);
-        progress.set_message(format!("{rate:.0} scans/s"));
-        progress.set_position(bytes_read.get());
+/// A log on its way into a map.
+struct Mapping<'a> {
+    args: &'a MapArgs,
+    config: &'a RunConfig,
+    input: Input,
+    scans: ReadAhead,
+    folder: &'a mut ResultFolder,
+    stop: &'a AtomicBool,
+}
+
+impl Mapping<'_> {
+    /// Maps scan after scan until the log ends, the user has seen enough, or a fault ends it.
+    fn map_scans(&mut self, map: &mut MapRun<'_>, progress: &ProgressBar) -> (Ending, Option<anyhow::Error>) {
+        let bytes_read = self.scans.log().bytes_read();
+        while let Some(scan) = self.scans.next() {
+            let robot_from_lrf = |of: Option<_>| of.unwrap_or_else(|| self.config.robot_from_lrf());
+            let added = scan.map_err(anyhow::Error::new).and_then(|scan| {
+                let odometry = scan.map_from_robot_odometry.filter(|_| self.args.odometry);
+                map.add_scan(&scan.scan(), robot_from_lrf(scan.robot_from_lrf), odometry)
+            });
+            if let Err(fault) = added {
+                return (Ending::Failed, Some(fault));
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return (Ending::Interrupted, None);
+            }
+            self.save_if_due(map);
+            let rate = map.scans() as f64 / progress.elapsed().as_secs_f64().max(1e-6);
+            progress.set_message(format!("{rate:.0} scans/s"));
+            progress.set_position(bytes_read.get());
+        }
+        (Ending::Complete, None)
     }
-    Ok(())
+
+    fn save_if_due(&mut self, map: &mut MapRun<'_>) {
+        if self.folder.is_due(self.args.save.every()) {
+            let about = self.about(Ending::Running, None);
+            if let Err(error) = self.folder.save(|stage| map.write_into(stage, &about)) {
+                say(&format!("{error:#}; going on, and trying again in a while"));
+            }
+        }
+    }
+
+    fn about(&self, ending: Ending, fault: Option<&anyhow::Error>) -> About {
+        let log = self.scans.log();
+        let source = Source::Log { input: self.input.clone(), log: log.counts(), range_max_m: log.range_max_m() };
+        About { source, odometry: self.args.odometry, ending, fault: fault.map(|error| format!("{error:#}")) }
+    }
 }
 
 pub(super) fn input(path: &Path, log: &LogReader) -> anyhow::Result<Input> {
@@ -119,10 +169,10 @@ fn with_cause(error: anyhow::Error, fault: Option<&anyhow::Error>) -> anyhow::Er
 }
 
 /// `intel.log.gz` and "map" → `intel-map`.
-pub(super) fn folder_for(log: &Path, what: &str) -> PathBuf {
+pub(super) fn stem(log: &Path, what: &str) -> String {
     let name = log.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.split('.').find(|part| !part.is_empty()).unwrap_or("log");
-    PathBuf::from(format!("{stem}-{what}"))
+    format!("{stem}-{what}")
 }
 
 /// Bytes read of the log, with scans per second and time left; hidden if stderr is not a terminal.
@@ -139,7 +189,7 @@ mod tests {
 
     #[test]
     fn results_are_named_after_the_log() {
-        let named = |log: &str| folder_for(Path::new(log), "map").display().to_string();
+        let named = |log: &str| stem(Path::new(log), "map");
         assert_eq!(named("data/intel.log.gz"), "intel-map");
         assert_eq!(named(".hidden"), "hidden-map");
         assert_eq!(named("/"), "log-map");

@@ -1,13 +1,13 @@
 //! The command line: raw arguments become checked ones in one place per sub-command, and every fault an exit code.
 //!
-//! 0: done. 1: a fault while working; results up to it are written, and said to be partial. 2: wrong usage, or input
-//! that is wrong from the start. A reader of our output that goes away (`| head`) is no fault.
+//! A reader of our output that goes away (`| head`) is no fault.
 
 mod attach;
 mod calibrate;
 mod cloud;
 mod cloud_summary;
 mod config;
+mod continuing;
 pub mod demo;
 mod eval;
 mod experiment;
@@ -18,10 +18,14 @@ mod live_scans;
 mod localize;
 mod lrf;
 mod map;
+mod out;
 mod particles;
 mod replay;
 mod run;
 mod summary;
+
+pub use self::laser::interrupt_flag;
+pub use self::out::{OutArgs, SaveArgs};
 
 use std::ffi::OsString;
 use std::io::{self, ErrorKind, Write};
@@ -33,7 +37,7 @@ use clap::{Parser, Subcommand};
 ///
 /// Turns a recorded laser log into a map and the robot's path.
 #[derive(Debug, Parser)]
-#[command(name = "lrfslam", version, about, max_term_width = 100, arg_required_else_help = true)]
+#[command(name = "lrfslam", version, about, after_help = EXIT_CODES, max_term_width = 100, arg_required_else_help = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -55,6 +59,14 @@ enum Command {
     Experiment(experiment::ExperimentArgs),
 }
 
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    done
+  1    a fault on the way: what was earned until then is written, and said to be partial
+  2    wrong usage, or input that is wrong from the start: nothing was done
+  3    done, but the robot was not found in the map (localize, map --continue)
+  130  ended early by ctrl-C: what was earned until then is written, and said to be partial";
+
 /// Why a command did not end well.
 #[derive(Debug)]
 pub enum Failure {
@@ -62,6 +74,10 @@ pub enum Failure {
     Start(anyhow::Error),
     /// On the way.
     Work(anyhow::Error),
+    /// The robot was not found in the map.
+    NotFound(anyhow::Error),
+    /// The user did not wait for the end.
+    Interrupted(anyhow::Error),
 }
 
 impl Failure {
@@ -107,6 +123,8 @@ pub fn run(args: impl IntoIterator<Item = OsString>, show: &Show) -> ExitCode {
         Ok(()) => return ExitCode::SUCCESS,
         Err(Failure::Start(error)) => (error, 2),
         Err(Failure::Work(error)) => (error, 1),
+        Err(Failure::NotFound(error)) => (error, 3),
+        Err(Failure::Interrupted(error)) => (error, 130),
     };
     // With stderr closed too there is nobody left to tell.
     let _ = writeln!(io::stderr(), "lrfslam: {}", in_one_line(&error));

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use crate::log::LogCounts;
+use crate::map_run::{Quality, Stretch};
 use crate::mapper::MatchCounts;
 use crate::run_report::{LaserCounts, RobotCounts, RunReport, Source};
 
@@ -19,6 +20,7 @@ pub(super) fn summary(report: &RunReport, out: &Path) -> String {
         let _ = write!(text, ", {:.0} MB at most", bytes as f64 / 1e6);
     }
     text.push('\n');
+    push_quality(&mut text, &report.quality);
     let source = match &report.source {
         Source::Log { log, .. } => log_notes(log),
         Source::Laser { laser, .. } => laser_notes(laser),
@@ -31,6 +33,32 @@ pub(super) fn summary(report: &RunReport, out: &Path) -> String {
     let _ = writeln!(text, "{state} in {}", out.display());
     text
 }
+
+/// Path, map, loops, and how far to trust them.
+fn push_quality(text: &mut String, quality: &Quality) {
+    let _ = write!(text, "path {:.1} m", quality.path_m);
+    if let Some([width, height]) = quality.map_size_m {
+        let _ = write!(text, ", map {width:.1} m by {height:.1} m");
+    }
+    if let Some(loops) = quality.loops_closed {
+        let _ = write!(text, ", {loops} loops closed");
+    }
+    let _ = writeln!(text, ", {:.1} % of the scans matched well", 100.0 * quality.matched_well);
+    for (what, stretches) in [("lost", &quality.lost), ("an axis undetermined", &quality.undetermined)] {
+        if stretches.is_empty() {
+            continue;
+        }
+        let time = |stretch: &Stretch| format!("{:.0} to {:.0} s", stretch.from_s, stretch.to_s);
+        let longest: Vec<String> = stretches.iter().take(STRETCHES_SHOWN).map(time).collect();
+        let more = stretches.len().saturating_sub(STRETCHES_SHOWN);
+        let more = if more > 0 { format!(" and {more} shorter ones (run.json)") } else { String::new() };
+        let _ = writeln!(text, "{what} at {}{more}", longest.join(", "));
+    }
+    let _ = writeln!(text, "{}", quality.trust);
+}
+
+/// Stretches that are named, longest first.
+const STRETCHES_SHOWN: usize = 3;
 
 fn has_made_up_times(report: &RunReport) -> bool {
     matches!(&report.source, Source::Log { log, .. } if log.synthetic_times)

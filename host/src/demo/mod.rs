@@ -8,15 +8,14 @@ mod results;
 mod robot;
 mod session;
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
-use anyhow::{Context as _, Result, anyhow};
+use anyhow::{Result, anyhow};
 use lrfslam_firmware_sim::scenario::Scenario;
-use lrfslam_host::cli::Failure;
 use lrfslam_host::cli::demo::DemoArgs;
+use lrfslam_host::cli::{Failure, interrupt_flag};
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::live::{ScanSource, for_each_scan};
 use lrfslam_host::map_run::{MapRun, RunMemory};
+use lrfslam_host::output::ResultFolder;
 
 use self::robot::SimulatedRobot;
 use self::session::Session;
@@ -31,18 +30,27 @@ pub fn run(args: &DemoArgs) -> Result<String, Failure> {
     }
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut memory = RunMemory::new(&config, threads);
-    let map = MapRun::open(&args.out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
-    show(args, &config, scenario, map).map_err(Failure::Work)
+    let map = MapRun::new(&config, args.seed, &mut memory).map_err(Failure::Start)?;
+    let folder = args.out.folder("demo")?;
+    show(args, &config, scenario, (map, folder)).map_err(Failure::Work)
 }
 
-fn show(args: &DemoArgs, config: &RunConfig, scenario: Scenario, map: MapRun<'_>) -> Result<String> {
-    static STOP: AtomicBool = AtomicBool::new(false);
-    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).context("ctrl-C cannot be caught")?;
+fn show(
+    args: &DemoArgs,
+    config: &RunConfig,
+    scenario: Scenario,
+    (map, mut folder): (MapRun<'_>, ResultFolder),
+) -> Result<String> {
+    let stop = interrupt_flag()?;
     let robot = SimulatedRobot::start(scenario, args)?;
     let source = ScanSource::Live(robot.laser(args));
     let mut session = Session::new(map, &robot, args);
-    let done = for_each_scan(&source, &STOP, &mut |item| session.take(item));
+    let done = for_each_scan(&source, stop, &mut |item| session.take(item));
     robot.switch_off()?;
-    let drive = session.finish(&done?)?;
-    results::write(args, config, &robot, &drive)
+    let done = done?;
+    let table = folder.save(|stage| {
+        let drive = session.finish(&done, stage)?;
+        results::write(args, config, &robot, &drive, stage)
+    })?;
+    Ok(format!("{table}\nresults in {}\n", folder.named().display()))
 }

@@ -36,9 +36,14 @@ const CUT_M: f32 = 2.2;
 /// At most so many points are measured against the surfaces; evenly taken from all.
 const JUDGED_MAX: usize = 200_000;
 
-/// Writes all files; returns the table of errors.
-pub fn write(args: &DemoArgs, config: &RunConfig, robot: &SimulatedRobot, drive: &DriveRecord) -> Result<String> {
-    let out = args.out.as_path();
+/// Writes all files into `out`, where those of the mapper are; returns the table of errors.
+pub fn write(
+    args: &DemoArgs,
+    config: &RunConfig,
+    robot: &SimulatedRobot,
+    drive: &DriveRecord,
+    out: &Path,
+) -> Result<String> {
     let poses = read_trajectory(&out.join("trajectory.tum"))?;
     let truth = truth(robot, &drive.level);
     write_truth(&out.join("truth.tum"), &truth)?;
@@ -52,7 +57,7 @@ pub fn write(args: &DemoArgs, config: &RunConfig, robot: &SimulatedRobot, drive:
     let table = table(args, &path_errors, &cloud, &distances(&robot.scenario.world, &cloud), drive);
     let file = out.join("errors.md");
     write_file(&file, table.as_bytes()).with_context(|| cannot_write(&file))?;
-    Ok(format!("{table}\nresults in {}\n", out.display()))
+    Ok(table)
 }
 
 fn cannot_write(file: &Path) -> String {

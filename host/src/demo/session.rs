@@ -1,15 +1,16 @@
 //! The live side: scans as the driver delivers them. Level ones go to the mapper, tilted ones are kept for the cloud.
 
 use std::ops::ControlFlow;
+use std::path::Path;
 
 use anyhow::Result;
 use lrfslam_core::scan::{Beam, RangeScan};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_host::cli::demo::DemoArgs;
 use lrfslam_host::live::{Item, SourceReport};
-use lrfslam_host::map_run::MapRun;
+use lrfslam_host::map_run::{About, MapRun};
 use lrfslam_host::pose_f64::PoseF64;
-use lrfslam_host::run_report::{LaserCounts, RunReport, Source};
+use lrfslam_host::run_report::{Ending, LaserCounts, RunReport, Source};
 
 use super::robot::SimulatedRobot;
 
@@ -141,8 +142,8 @@ impl<'a, 'm> Session<'a, 'm> {
         }
     }
 
-    /// Writes the mapper's results.
-    pub fn finish(self, report: &SourceReport) -> Result<DriveRecord> {
+    /// Writes the mapper's results into `folder`.
+    pub fn finish(mut self, report: &SourceReport, folder: &Path) -> Result<DriveRecord> {
         let laser = LaserCounts {
             damaged: report.counters.damaged,
             restarts: report.counters.restarts,
@@ -150,10 +151,11 @@ impl<'a, 'm> Session<'a, 'm> {
             too_fast: 0,
         };
         let source = Source::Laser { port: "simulated".to_owned(), laser };
-        let report = self.map.finish(source, false, self.fault.as_ref())?;
-        match self.fault {
-            Some(fault) => Err(fault),
-            None => Ok(DriveRecord { level: self.level, tilted: self.tilted, report }),
+        if let Some(fault) = self.fault {
+            return Err(fault);
         }
+        let about = About { source, odometry: false, ending: Ending::Complete, fault: None };
+        let report = self.map.write_into(folder, &about)?;
+        Ok(DriveRecord { level: self.level, tilted: self.tilted, report })
     }
 }

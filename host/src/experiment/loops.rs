@@ -1,7 +1,6 @@
 //! Does the loop close (thesis figure 3.11)? A log with its true path, mapped with each number of levels and several seeds.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
 use lrfslam_core::time::Duration;
 use serde::Serialize;
@@ -29,24 +28,22 @@ pub struct LoopRun {
     pub closed: bool,
 }
 
-/// Maps `scans` once with `levels` and `seed`; `folder` takes the results, `closed_m` is the largest error at a place revisited of a loop that
-/// counts as closed.
+/// Maps `scans` once with `levels` and `seed`; `closed_m` is the largest error at a place revisited of a loop that counts as closed.
 ///
 /// # Errors
-/// If the folder cannot be written, a scan is too large, no pose has a partner in `truth`, or the true path
+/// If a scan is too large, no pose has a partner in `truth`, or the true path
 /// never comes back to a place.
 pub fn run_loop(
     config: &RunConfig,
     (levels, seed): (u16, u64),
     scans: &[LogScan],
     truth: &[TimedPose],
-    folder: &Path,
     closed_m: f64,
 ) -> anyhow::Result<LoopRun> {
     let mut config = *config;
     config.hierarchy.levels = levels;
     let mut memory = RunMemory::new(&config, 1);
-    let mut map = MapRun::open(folder, &config, seed, &mut memory)?;
+    let mut map = MapRun::new(&config, seed, &mut memory)?;
     for scan in scans {
         map.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf()), None)?;
     }

@@ -77,6 +77,16 @@ impl<'m> Finder<'m> {
         self.searches
     }
 
+    /// Way so far, m; a turn of a radian counts as half a metre.
+    pub(super) fn way_m(&self) -> f32 {
+        self.way_m
+    }
+
+    /// Where the robot is now as seen from where it was at the first scan, as laser odometry has it.
+    pub(super) fn local_from_robot(&self) -> Pose2 {
+        self.odometry.map_from_robot()
+    }
+
     /// Forgets what was seen.
     pub(super) fn restart(&mut self) {
         self.odometry.restart_at(Pose2::IDENTITY);

@@ -7,6 +7,7 @@
 mod belief;
 mod finder;
 mod known_map;
+mod start;
 mod tracker;
 
 use lrfslam_core::filter::PointCapacityError;
@@ -15,6 +16,7 @@ use lrfslam_core::scan::RangeScan;
 use nalgebra::Matrix3;
 
 pub use known_map::KnownMap;
+pub use start::{ScansAhead, StartFit, StartJudge};
 
 use self::finder::Finder;
 use self::tracker::Tracker;

@@ -1,7 +1,5 @@
 //! One life of a robot, from its start or from when this host came to the end: what it tells goes to disk, then into path and map.
 
-use std::path::Path;
-
 use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::wire::message::{FromRobot, Status};
@@ -13,9 +11,9 @@ use super::map::RobotMap;
 use crate::config::RunConfig;
 use crate::high_slam::HighCounts;
 use crate::map_io::{PGM_SIDE_MAX, pgm, yaml};
-use crate::map_run::Run;
-use crate::output::write_file;
-use crate::run_report::{RobotCounts, RunReport, Source};
+use crate::map_run::{About, Run};
+use crate::output::{ResultFolder, write_file};
+use crate::run_report::{Ending, RobotCounts, RunReport, Source};
 
 /// See the [module](super).
 #[derive(Debug)]
@@ -24,6 +22,7 @@ pub struct RobotRun {
     robot_from_lrf: Pose2,
     run: Run<'static, RobotMap>,
     journal: Journal,
+    folder: ResultFolder,
     /// How far the robot's messages have come.
     progress: Option<Progress>,
     board: String,
@@ -31,34 +30,36 @@ pub struct RobotRun {
 }
 
 impl RobotRun {
-    /// A robot of which nothing is known yet, with results and journal in `out`.
+    /// A robot of which nothing is known yet, with results and journal in `folder`.
     ///
     /// # Errors
-    /// If the folder cannot be used.
-    pub fn open(out: &Path, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
-        let run = Run::open_told(out, config, seed)?;
-        let journal = Journal::create(&out.join(JOURNAL))?;
-        Ok(Self::new(config, run, journal))
+    /// If the journal cannot be written, or loops are to be closed by particles.
+    pub fn open(folder: ResultFolder, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
+        let run = Run::told(config, seed)?;
+        let journal = Journal::create(&folder.growing(JOURNAL))?;
+        Ok(Self::new(config, run, journal, folder))
     }
 
-    /// Goes on with what the journal in `out` holds.
+    /// Goes on with what the journal in `folder` holds.
     ///
     /// # Errors
-    /// If the folder cannot be used, or the journal not be read.
-    pub fn resume(out: &Path, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
+    /// If the journal cannot be read or written, or loops are to be closed by particles.
+    pub fn resume(folder: ResultFolder, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
         let mut told = Vec::new();
-        let journal = Journal::resume(&out.join(JOURNAL), |message| told.push((message.at, message.bytes.to_vec())))?;
-        let mut run = Self::new(config, Run::open_told(out, config, seed)?, journal);
+        let path = folder.growing(JOURNAL);
+        let journal = Journal::resume(&path, |message| told.push((message.at, message.bytes.to_vec())))?;
+        let mut run = Self::new(config, Run::told(config, seed)?, journal, folder);
         told.iter().try_for_each(|(at, bytes)| run.hear(&Told { at: *at, bytes }))?;
         Ok(run)
     }
 
-    fn new(config: &RunConfig, run: Run<'static, RobotMap>, journal: Journal) -> Self {
+    fn new(config: &RunConfig, run: Run<'static, RobotMap>, journal: Journal, folder: ResultFolder) -> Self {
         Self {
             config: *config,
             robot_from_lrf: config.robot_from_lrf(),
             run,
             journal,
+            folder,
             progress: None,
             board: String::new(),
             status: Status::default(),
@@ -72,7 +73,7 @@ impl RobotRun {
     pub fn take(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
         let stored = self.journal.add(told);
         self.hear(told)?;
-        stored.with_context(|| format!("{}: cannot be written", self.run.out().join(JOURNAL).display()))
+        stored.with_context(|| format!("{}: cannot be written", self.folder.named().join(JOURNAL).display()))
     }
 
     fn hear(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
@@ -109,17 +110,35 @@ impl RobotRun {
         self.run.high_counts()
     }
 
-    /// Writes the results.
+    /// Writes the results as they are now; the run can go on.
     ///
-    /// * `port` — where the robot was; `damaged_frames` — of its link
-    /// * `fault` — what ended the run early, if anything did
+    /// * `port` — where the robot is; `damaged_frames` — of its link
+    /// * `ending` and `fault` — how the run stands, and what ended it early
     ///
     /// # Errors
-    /// If a file cannot be written.
-    pub fn finish(self, port: &str, damaged_frames: u32, fault: Option<&anyhow::Error>) -> anyhow::Result<RunReport> {
-        self.write_robot_map()?;
-        let robot = self.counts(damaged_frames);
-        self.run.finish(Source::Robot { port: port.to_owned(), robot }, false, fault)
+    /// If a file cannot be written: the last results are still there then.
+    pub fn save(
+        &mut self,
+        (port, damaged_frames): (&str, u32),
+        ending: Ending,
+        fault: Option<&anyhow::Error>,
+    ) -> anyhow::Result<RunReport> {
+        let source = Source::Robot { port: port.to_owned(), robot: self.counts(damaged_frames) };
+        let about = About { source, odometry: false, ending, fault: fault.map(|error| format!("{error:#}")) };
+        let robot_map = self.robot_map();
+        let run = &mut self.run;
+        self.folder.save(|stage| {
+            for (name, bytes) in &robot_map {
+                let file = stage.join(name);
+                write_file(&file, bytes).with_context(|| format!("{}: cannot be written", file.display()))?;
+            }
+            run.write_into(stage, &about)
+        })
+    }
+
+    /// The folder of the results.
+    pub fn folder(&self) -> &ResultFolder {
+        &self.folder
     }
 
     fn counts(&self, damaged_frames: u32) -> RobotCounts {
@@ -143,15 +162,10 @@ impl RobotRun {
     }
 
     /// The map as the robot has it: of its best particle, in its squares.
-    fn write_robot_map(&self) -> anyhow::Result<()> {
+    fn robot_map(&self) -> Vec<(&'static str, Vec<u8>)> {
         let map = self.map().draw(self.config.particle_map.square_size_m, &self.config.map);
-        let Some(raster) = map.raster(PGM_SIDE_MAX) else { return Ok(()) };
-        for (name, bytes) in
-            [("robot-map.pgm", pgm(&raster)), ("robot-map.yaml", yaml(&raster, "robot-map.pgm").into_bytes())]
-        {
-            let file = self.run.out().join(name);
-            write_file(&file, &bytes).with_context(|| format!("{}: cannot be written", file.display()))?;
-        }
-        Ok(())
+        map.raster(PGM_SIDE_MAX).map_or(Vec::new(), |raster| {
+            vec![("robot-map.pgm", pgm(&raster)), ("robot-map.yaml", yaml(&raster, "robot-map.pgm").into_bytes())]
+        })
     }
 }

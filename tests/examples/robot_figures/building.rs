@@ -19,7 +19,9 @@ use lrfslam_core::wire::session::Progress;
 use lrfslam_firmware_sim::virtual_lrf::recording::{RecordedLaser, RecordedScan};
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::log::LogScan;
+use lrfslam_host::output::ResultFolder;
 use lrfslam_host::robot::{RobotRun, Tiles, Told};
+use lrfslam_host::run_report::Ending;
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
 use lrfslam_tests::robot_rig::{Build, HostDisk, LineFaults, MakeMemory, PoolSize, RobotRig, Tally};
 
@@ -123,7 +125,8 @@ fn drive(args: &BuildingArgs, config: &RunConfig, scans: &[LogScan]) -> anyhow::
     let length = after.last().copied().unwrap_or_default();
     let recorded =
         after.iter().zip(scans).map(|(after, scan)| RecordedScan { after: *after, beams: scan.beams.clone() });
-    let heard = Heard { run: RobotRun::open(&args.out, config, args.seed)?, sweeps: 0, fault: None };
+    let folder = ResultFolder::claim(&args.out, true)?;
+    let heard = Heard { run: RobotRun::open(folder, config, args.seed)?, sweeps: 0, fault: None };
     let faults = LineFaults::all(args.faults);
     let robot = config.robot(args.seed, wanted);
     let mut rig = RobotRig::with(heard, memory(args), laser.say(recorded.collect()), &robot);
@@ -223,10 +226,10 @@ fn finish(
     let (damaged, line_faults) = (rig.host_counters().frames.damaged, rig.faults());
     let RobotRig { status, tally, disk: Heard { mut run, sweeps, .. }, .. } = rig;
     let numbers: Vec<u32> = run.map().scans().iter().map(|scan| scan.number).collect();
-    write_path(&args.out.join("robot.tum"), &run.map().path(), scans, &numbers)?;
     run.set_status(&status);
     let high = run.high_counts();
-    run.finish(&args.log.display().to_string(), damaged, None)?;
+    run.save((&args.log.display().to_string(), damaged), Ending::Complete, None)?;
+    write_path(&args.out.join("robot.tum"), &run.map().path(), scans, &numbers)?;
     let file = args.out.join("trajectory.tum");
     write_path(&file, &read_trajectory(&file)?, scans, &numbers)?;
     let Tally { lost, dropped, tiles, ndt_dropped, ndt_evicted, .. } = tally;

@@ -1,10 +1,12 @@
-//! A map under way: scans in, and at the end a folder with trajectory, map, picture and report.
+//! A map under way: scans in; trajectory, map, picture and report out, as often as they are asked for.
 //!
 //! What `lrfslam map`, `run`, `replay` and `attach` share; they differ in where the scans come from, and the last in who places them: a
 //! [`LowLevel`] on this computer, or a robot's.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+mod quality;
+mod saving;
+
+use std::path::Path;
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use anyhow::Context as _;
@@ -18,15 +20,15 @@ use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::Instant;
 use lrfslam_core::wire::message::{FromRobot, ScanPose};
 
+pub use self::quality::{Quality, Stretch};
+pub use self::saving::About;
+
 use crate::config::RunConfig;
 use crate::high_slam::{Correction, HighCounts, HighParticles, HighSlam, LowPose};
-use crate::map_io::{PGM_SIDE_MAX, write_map};
 use crate::mapper::{Mapper, MapperMemory, MatchCounts, ParticlePools};
 use crate::occupancy_map::OccupancyMap;
-use crate::output::{PendingFile, write_file};
-use crate::picture::write_picture;
 use crate::robot::{RobotMap, Sweeps};
-use crate::run_report::{BeamCounts, Cost, Program, RunReport, Source, peak_memory_bytes};
+use crate::run_report::BeamCounts;
 use crate::saved_map::{self, SavedMap};
 use crate::scan_store::ScanStore;
 use crate::step_table::StepTable;
@@ -38,6 +40,27 @@ struct ScanPlace {
     stamp: Instant,
     step: usize,
     step_from_robot: Pose2,
+    fit: Fit,
+}
+
+/// How a scan agreed with the map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fit {
+    Well,
+    /// The scene said nothing about an axis.
+    Undetermined,
+    /// Too little to be believed.
+    Lost,
+}
+
+impl From<&LowPose> for Fit {
+    fn from(low: &LowPose) -> Self {
+        match (low.is_lost, low.undetermined) {
+            (true, _) => Self::Lost,
+            (false, Some(_)) => Self::Undetermined,
+            (false, None) => Self::Well,
+        }
+    }
 }
 
 /// What places scans.
@@ -80,7 +103,6 @@ impl RunMemory {
 pub struct Run<'m, L> {
     config: RunConfig,
     seed: u64,
-    out: PathBuf,
     low: L,
     high: Option<HighSlam<'m>>,
     /// Drawn on the way by matching alone, whose path does not change.
@@ -91,7 +113,6 @@ pub struct Run<'m, L> {
     drawn: Vec<usize>,
     /// A robot's, until their poses come.
     sweeps: Sweeps,
-    trajectory_file: PendingFile,
     places: Vec<ScanPlace>,
     steps: StepTable,
     map_from_step: Pose2,
@@ -103,17 +124,17 @@ pub struct Run<'m, L> {
 }
 
 impl<'m> MapRun<'m> {
-    /// An empty map whose results will be in `out`; that it can be written to is found out here.
+    /// An empty map.
     ///
     /// # Errors
-    /// If the folder cannot be used, or the memory does not fit the configuration.
-    pub fn open(out: &Path, config: &RunConfig, seed: u64, memory: &'m mut RunMemory) -> anyhow::Result<Self> {
+    /// If the memory does not fit the configuration.
+    pub fn new(config: &RunConfig, seed: u64, memory: &'m mut RunMemory) -> anyhow::Result<Self> {
         let RunMemory { mapper, high } = memory;
         let particles = config.high_particles().zip(high.as_mut());
         let particles = particles
             .map(|(filter, pools)| HighParticles::new(&config.high_particles, &filter, seed, pools))
             .transpose()?;
-        Self::with(out, config, seed, particles, || Ok(Mapper::new(config, seed, mapper)?))
+        Ok(Self::with(config, seed, particles, Mapper::new(config, seed, mapper)?))
     }
 
     /// Maps one scan. A scan that cannot be believed is not drawn.
@@ -140,9 +161,11 @@ impl<'m> MapRun<'m> {
             self.map.insert(scan, step.map_from_robot * robot_from_lrf);
         }
         let step_from_robot = self.map_from_step.between(step.map_from_robot);
-        let place = ScanPlace { stamp: scan.stamp, step: self.step_count.saturating_sub(1), step_from_robot };
+        let low = low_pose(&step.odometry);
+        let (step_index, fit) = (self.step_count.saturating_sub(1), Fit::from(&low));
+        let place = ScanPlace { stamp: scan.stamp, step: step_index, step_from_robot, fit };
         let is_kept = if self.low.has_particles() { step.filter.is_some() } else { step.odometry.is_key };
-        self.place(&sweep, &low_pose(&step.odometry), place, is_kept)?;
+        self.place(&sweep, &low, place, is_kept)?;
         self.working += started.elapsed();
         Ok(step)
     }
@@ -174,17 +197,17 @@ impl MapRun<'_> {
 }
 
 impl Run<'_, RobotMap> {
-    /// An empty map of scans that a robot places; the rest as [`MapRun::open`].
+    /// An empty map of scans that a robot places.
     ///
     /// # Errors
-    /// If the folder cannot be used, or loops are to be closed by particles.
-    pub fn open_told(out: &Path, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
+    /// If loops are to be closed by particles.
+    pub fn told(config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
         let particles = config.high_particles().is_some();
         anyhow::ensure!(
             !particles,
             "hierarchy.closing is \"particles\", expected \"graph\" with a robot that does the SLAM itself"
         );
-        Self::with(out, config, seed, None, || Ok(RobotMap::new(&config.robot(seed, LaserConfig::default()))))
+        Ok(Self::with(config, seed, None, RobotMap::new(&config.robot(seed, LaserConfig::default()))))
     }
 
     /// Takes what a robot says of path and map; a scan is placed where it says, with its beams if they were told before.
@@ -212,7 +235,8 @@ impl Run<'_, RobotMap> {
         };
         let low = LowPose { map_from_robot: pose.odometry, undetermined: pose.undetermined, is_lost: pose.is_lost };
         // To the robot's path every scan is a step.
-        let place = ScanPlace { stamp: pose.stamp, step: self.places.len(), step_from_robot: Pose2::IDENTITY };
+        let (step, fit) = (self.places.len(), Fit::from(&low));
+        let place = ScanPlace { stamp: pose.stamp, step, step_from_robot: Pose2::IDENTITY, fit };
         self.place(&sweep, &low, place, told.is_some())
     }
 
@@ -223,27 +247,16 @@ impl Run<'_, RobotMap> {
 }
 
 impl<'m, L: LowLevel> Run<'m, L> {
-    fn with(
-        out: &Path,
-        config: &RunConfig,
-        seed: u64,
-        particles: Option<HighParticles<'m>>,
-        low: impl FnOnce() -> anyhow::Result<L>,
-    ) -> anyhow::Result<Self> {
-        let unusable = || format!("{}: cannot be used as output folder", out.display());
-        fs::create_dir_all(out).with_context(unusable)?;
-        let trajectory_file = PendingFile::create(&out.join("trajectory.tum")).with_context(unusable)?;
-        Ok(Self {
+    fn with(config: &RunConfig, seed: u64, particles: Option<HighParticles<'m>>, low: L) -> Self {
+        Self {
             config: *config,
             seed,
-            out: out.to_owned(),
-            low: low()?,
+            low,
             high: (config.hierarchy.levels > 1).then(|| HighSlam::new(&config.high_slam(), particles)),
             map: OccupancyMap::new(config.map),
             scans: ScanStore::default(),
             drawn: Vec::new(),
             sweeps: Sweeps::default(),
-            trajectory_file,
             places: Vec::new(),
             steps: StepTable::default(),
             map_from_step: Pose2::IDENTITY,
@@ -251,7 +264,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
             beams: BeamCounts::default(),
             continues: None,
             working: WallDuration::ZERO,
-        })
+        }
     }
 
     /// Keeps a scan that the low level has placed.
@@ -294,113 +307,6 @@ impl<'m, L: LowLevel> Run<'m, L> {
     pub fn scans(&self) -> usize {
         self.places.len()
     }
-
-    /// Where the results go.
-    pub fn out(&self) -> &Path {
-        &self.out
-    }
-
-    /// Writes the results.
-    ///
-    /// * `source` — where the scans came from; `odometry` — whether it was used
-    /// * `fault` — what ended the run early, if anything did: the results are then said to be partial
-    ///
-    /// # Errors
-    /// If a file cannot be written.
-    pub fn finish(
-        mut self,
-        source: Source,
-        odometry: bool,
-        fault: Option<&anyhow::Error>,
-    ) -> anyhow::Result<RunReport> {
-        let started = WallInstant::now();
-        let trajectory = self.trajectory();
-        self.draw();
-        self.working += started.elapsed();
-        let report = self.report(source, odometry, fault);
-        let saved = self.saved_map(&trajectory)?;
-        let Self { out, map, config, steps, mut trajectory_file, .. } = self;
-        for pose in &trajectory {
-            pose.write_tum(&mut trajectory_file).with_context(|| cannot_write(&out.join("trajectory.tum")))?;
-        }
-        steps.write(&out.join("steps.csv"))?;
-        trajectory_file.finish().with_context(|| cannot_write(&out.join("trajectory.tum")))?;
-        // Without a known cell there is nothing to draw; the report says how many beams hit.
-        if let Some(raster) = map.raster(PGM_SIDE_MAX) {
-            write_map(&out, &raster).with_context(|| cannot_write(&out.join("map.pgm")))?;
-        }
-        if let Some(raster) = map.raster(config.map.picture_px) {
-            let file = out.join("map.png");
-            write_picture(&file, &raster, &trajectory).with_context(|| cannot_write(&file))?;
-        }
-        saved.write(&out).with_context(|| cannot_write(&out.join(saved_map::FILE_NAME)))?;
-        let file = out.join("run.json");
-        let text = serde_json::to_string_pretty(&report)? + "\n";
-        write_file(&file, text.as_bytes()).with_context(|| cannot_write(&file))?;
-        Ok(report)
-    }
-
-    /// All that is needed to draw the map again.
-    fn saved_map(&mut self, trajectory: &[TimedPose]) -> anyhow::Result<SavedMap> {
-        if let Some(high) = &self.high {
-            return Ok(SavedMap::new(&self.config, high));
-        }
-        let mut scans = vec![None; trajectory.len()];
-        for (scan, place) in self.drawn.iter().enumerate() {
-            scans[*place] = u32::try_from(scan).ok();
-        }
-        let path = trajectory.iter().copied().zip(scans);
-        let scans_kept = std::mem::take(&mut self.scans);
-        let high = HighSlam::of_path(&self.config.high_slam(), path, scans_kept)?;
-        Ok(SavedMap::new(&self.config, &high))
-    }
-
-    /// Draws the kept scans from the path of the highest level.
-    fn draw(&mut self) {
-        if let Some(high) = &self.high {
-            return high.draw(&mut self.map);
-        }
-        if !self.low.has_particles() {
-            return;
-        }
-        let mut beams = Vec::new();
-        let trajectory = self.trajectory();
-        for (scan, place) in self.drawn.iter().enumerate() {
-            if let (Some(sweep), Some(pose)) = (self.scans.sweep(scan, &mut beams), trajectory.get(*place)) {
-                self.map.insert(&sweep.scan, pose.map_from_robot * sweep.robot_from_lrf);
-            }
-        }
-    }
-
-    fn report(&self, source: Source, odometry: bool, fault: Option<&anyhow::Error>) -> RunReport {
-        RunReport {
-            program: Program::THIS,
-            source,
-            continues: self.continues.clone(),
-            config: self.config,
-            seed: self.seed,
-            odometry,
-            beams: self.beams,
-            matching: self.low.counts(),
-            particles: self.steps.summary(),
-            high: self.high_counts(),
-            cost: self.cost(),
-            partial: fault.is_some(),
-            fault: fault.map(|error| format!("{error:#}")),
-        }
-    }
-
-    fn cost(&self) -> Cost {
-        let ends = self.places.first().zip(self.places.last());
-        let wall_s = self.working.as_secs_f64();
-        Cost {
-            scans: self.places.len() as u64,
-            wall_s,
-            scans_per_s: self.places.len() as f64 / wall_s.max(1e-6),
-            driven_s: ends.map_or(0.0, |(first, last)| last.stamp.since(first.stamp).micros as f64 / 1e6),
-            peak_memory_bytes: peak_memory_bytes(),
-        }
-    }
 }
 
 impl BeamCounts {
@@ -419,8 +325,4 @@ impl BeamCounts {
 fn low_pose(step: &laser_odometry::StepReport) -> LowPose {
     let Match { map_from_robot, undetermined, .. } = step.matched;
     LowPose { map_from_robot, undetermined, is_lost: step.is_lost }
-}
-
-fn cannot_write(file: &Path) -> String {
-    format!("{}: cannot be written", file.display())
 }

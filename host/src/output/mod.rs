@@ -1,0 +1,7 @@
+//! What is written: files that are whole or not there, and folders of results that change all at once.
+
+mod file;
+mod folder;
+
+pub use file::{PendingFile, write_file};
+pub use folder::{ResultFolder, folder_name};
