@@ -2,7 +2,6 @@
 
 use std::fmt::Write as _;
 use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
@@ -15,7 +14,7 @@ use crate::config::RunConfig;
 use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerMemory, Located};
 use crate::output::{PendingFile, write_file};
 use crate::run_report::{Program, Source};
-use crate::trajectory::TimedPose;
+use crate::trajectory::{TimedPose, by_time};
 
 const HEADER: &str =
     "scan,time_s,state,x_m,y_m,heading_deg,sigma_x_m,sigma_y_m,sigma_heading_deg,certainty,on_walls,contradicting\n";
@@ -52,6 +51,7 @@ pub struct LocalizeRun<'m> {
     localizer: Localizer<'m>,
     out: PathBuf,
     trajectory_file: PendingFile,
+    poses: Vec<TimedPose>,
     table: String,
     scans: u64,
     first: Option<Instant>,
@@ -75,7 +75,16 @@ impl<'m> LocalizeRun<'m> {
         let trajectory_file = PendingFile::create(&out.join("trajectory.tum")).with_context(unusable)?;
         let localizer = Localizer::new(config, seed, map, start, memory)?;
         let table = HEADER.to_owned();
-        Ok(Self { localizer, out: out.to_owned(), trajectory_file, table, scans: 0, first: None, first_found: None })
+        Ok(Self {
+            localizer,
+            out: out.to_owned(),
+            trajectory_file,
+            poses: Vec::new(),
+            table,
+            scans: 0,
+            first: None,
+            first_found: None,
+        })
     }
 
     /// Takes the next scan; `None` while the robot has not found itself.
@@ -83,7 +92,7 @@ impl<'m> LocalizeRun<'m> {
     /// * `robot_from_lrf` — where the laser sits on the robot
     ///
     /// # Errors
-    /// If the scan has too many points for the memory, or the path cannot be written.
+    /// If the scan has too many points for the memory.
     pub fn add_scan(&mut self, scan: &RangeScan<'_>, robot_from_lrf: Pose2) -> anyhow::Result<Option<Located>> {
         let located = self.localizer.add_scan(scan, robot_from_lrf)?;
         self.first.get_or_insert(scan.stamp);
@@ -94,8 +103,7 @@ impl<'m> LocalizeRun<'m> {
             Some(located) => {
                 self.first_found.get_or_insert(scan.stamp);
                 push_row(&mut self.table, located);
-                let pose = TimedPose { stamp: scan.stamp, map_from_robot: located.map_from_robot };
-                pose.write_tum(&mut self.trajectory_file).with_context(|| cannot_write(&self.out, "trajectory.tum"))?;
+                self.poses.push(TimedPose { stamp: scan.stamp, map_from_robot: located.map_from_robot });
             }
         }
         self.scans += 1;
@@ -122,7 +130,9 @@ impl<'m> LocalizeRun<'m> {
         mut self,
         describe: impl FnOnce(LocalizeCounts, Option<f64>) -> LocalizeReport,
     ) -> anyhow::Result<LocalizeReport> {
-        self.trajectory_file.flush().with_context(|| cannot_write(&self.out, "trajectory.tum"))?;
+        for pose in by_time(&self.poses) {
+            pose.write_tum(&mut self.trajectory_file).with_context(|| cannot_write(&self.out, "trajectory.tum"))?;
+        }
         let after = self.first.zip(self.first_found).map(|(first, found)| found.since(first).micros as f64 / 1e6);
         let report = describe(self.localizer.counts(), after);
         self.trajectory_file.finish().with_context(|| cannot_write(&self.out, "trajectory.tum"))?;

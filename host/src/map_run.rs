@@ -30,7 +30,7 @@ use crate::run_report::{BeamCounts, Cost, Program, RunReport, Source, peak_memor
 use crate::saved_map::{self, SavedMap};
 use crate::scan_store::ScanStore;
 use crate::step_table::StepTable;
-use crate::trajectory::TimedPose;
+use crate::trajectory::{TimedPose, by_time};
 
 /// Where the robot was at a scan, seen from where it was at a step of the filter; of matching alone, from the origin.
 #[derive(Debug, Clone, Copy)]
@@ -320,7 +320,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
         let report = self.report(source, odometry, fault);
         let saved = self.saved_map(&trajectory)?;
         let Self { out, map, config, steps, mut trajectory_file, .. } = self;
-        for pose in &trajectory {
+        for pose in by_time(&trajectory) {
             pose.write_tum(&mut trajectory_file).with_context(|| cannot_write(&out.join("trajectory.tum")))?;
         }
         steps.write(&out.join("steps.csv"))?;
