@@ -89,6 +89,19 @@ fn urg04lx() {
 }
 
 #[test]
+fn freiburg_clinic_alternates_between_180_and_181_beams() {
+    let Some(read) = read("logs/fr-clinic.clf.gz") else { return };
+    assert_eq!((read.scans.len(), read.counts.damaged_lines, read.counts.skipped_lines), (6917, 0, 0));
+    // Four sets of angles in turn, a quarter of a degree apart, each line with its own.
+    let mut sets: Vec<(usize, i32)> =
+        read.scans.iter().map(|scan| (scan.beams.len(), (scan.beams[0].bearing_rad * 1e6) as i32)).collect();
+    sets.sort_unstable();
+    let counts: Vec<_> = sets.chunk_by(|a, b| a == b).map(|set| (set[0].0, set.len())).collect();
+    assert_eq!(counts, [(180, 1709), (180, 1725), (180, 1735), (181, 1748)]);
+    assert!(read.scans.iter().all(|scan| scan.robot_from_lrf.is_some_and(|pose| (pose.x - 0.22).abs() < 0.005)));
+}
+
+#[test]
 fn odometry_of_intel_is_as_wrong_as_published() {
     let (Some(read), Some(file)) = (read("logs/intel.log.gz"), real_data("logs/intel.relations.gz")) else { return };
     let pose = |scan: &LogScan| Some(TimedPose { stamp: scan.stamp, map_from_robot: scan.map_from_robot_odometry? });

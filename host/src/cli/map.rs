@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -11,19 +10,19 @@ use super::particles::ParticleArgs;
 use super::summary::summary;
 use super::{Failure, print};
 use crate::config::RunConfig;
-use crate::log::LogReader;
+use crate::log::{LogError, LogOptions, LogReader};
 use crate::map_run::{MapRun, RunMemory};
-use crate::run_report::{Input, RunReport, Source, sha256_of_file};
+use crate::run_report::{Input, RunReport, Source};
 use crate::saved_map::SavedMap;
 
 /// Map a recorded laser log.
 ///
 /// LOG is a CARMEN log (FLASER, ROBOTLASER1), a DP-SLAM log or tinySLAM's URG-04LX sample, plain or gzip. Written are
-/// trajectory.tum (the robot's pose for every scan), map.pgm and map.yaml (for ROS), map.png (for people), steps.csv
+/// trajectory.tum (the robot's pose for every scan, by time), map.pgm and map.yaml (for ROS), map.png (for people), steps.csv
 /// (what the particle filter did), run.json and map.lrfslam (for `lrfslam localize`).
 #[derive(Debug, Args)]
 pub(super) struct MapArgs {
-    /// The log.
+    /// The log; - reads it from standard input.
     log: PathBuf,
     /// Folder for the results; made if it is not there [default: the log's name with -map behind it, here].
     #[arg(long, value_name = "DIR")]
@@ -57,9 +56,8 @@ pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
     let saved = args.continued.as_deref().map(SavedMap::read).transpose().map_err(Failure::start)?;
     let defaults = saved.as_ref().map_or_else(RunConfig::default, |saved| saved.config);
     let config = args.particles.load_over(defaults, args.config.as_deref(), &args.set)?;
-    let mut log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
+    let mut log = open_log(&args.log, config.log_options()).map_err(Failure::start)?;
     let out = args.out.clone().unwrap_or_else(|| folder_for(&args.log, "map"));
-    let input = input(&args.log, &log).map_err(Failure::Start)?;
     let mut memory = RunMemory::new(&config, args.particles.threads());
     let mut map = MapRun::open(&out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
     if let (Some(saved), Some(folder)) = (&saved, &args.continued) {
@@ -68,7 +66,7 @@ pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
     let progress = progress_bar(log.size_bytes(), args.quiet);
     let fault = map_scans(&mut log, &mut map, &config, args.odometry, &progress).err();
     progress.finish_and_clear();
-    let source = Source::Log { input, log: log.counts(), range_max_m: log.range_max_m() };
+    let source = Source::Log { input: input(&args.log, &mut log), log: log.counts(), range_max_m: log.range_max_m() };
     let report = map.finish(source, args.odometry, fault.as_ref());
     let report = report.map_err(|error| Failure::Work(with_cause(error, fault.as_ref())))?;
     if !args.quiet {
@@ -100,10 +98,19 @@ fn map_scans(
     Ok(())
 }
 
-pub(super) fn input(path: &Path, log: &LogReader) -> anyhow::Result<Input> {
-    let name = path.display().to_string();
-    let sha256 = sha256_of_file(path).with_context(|| format!("{name}: cannot be read"))?;
-    Ok(Input { name, sha256, bytes: log.size_bytes(), format: log.format() })
+/// The log at `path`, or from standard input.
+pub(super) fn open_log(path: &Path, options: LogOptions) -> Result<LogReader, LogError> {
+    if is_stdin(path) { LogReader::from_reader("-", std::io::stdin(), options) } else { LogReader::open(path, options) }
+}
+
+fn is_stdin(log: &Path) -> bool {
+    log.as_os_str() == "-"
+}
+
+/// What the log was, when it has been read.
+pub(super) fn input(path: &Path, log: &mut LogReader) -> Input {
+    let (sha256, format) = (log.sha256(), log.format());
+    Input { name: path.display().to_string(), sha256, bytes: log.bytes_read().get(), format }
 }
 
 fn partial_notice(report: &RunReport, out: &Path) -> String {
@@ -118,18 +125,24 @@ fn with_cause(error: anyhow::Error, fault: Option<&anyhow::Error>) -> anyhow::Er
     }
 }
 
-/// `intel.log.gz` and "map" → `intel-map`.
+/// `intel.log.gz` and "map" → `intel-map`; standard input → `stdin-map`.
 pub(super) fn folder_for(log: &Path, what: &str) -> PathBuf {
+    if is_stdin(log) {
+        return PathBuf::from(format!("stdin-{what}"));
+    }
     let name = log.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.split('.').find(|part| !part.is_empty()).unwrap_or("log");
     PathBuf::from(format!("{stem}-{what}"))
 }
 
-/// Bytes read of the log, with scans per second and time left; hidden if stderr is not a terminal.
+/// Bytes read of the log, with scans per second and, if its size is not 0, time left; hidden if stderr is not a terminal.
 pub(super) fn progress_bar(size_bytes: u64, quiet: bool) -> ProgressBar {
     let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(10) };
-    let bar = ProgressBar::with_draw_target(Some(size_bytes), target);
-    let template = "{bar:40} {percent:>3} %  {msg}  {elapsed} gone, {eta} left";
+    let bar = ProgressBar::with_draw_target((size_bytes > 0).then_some(size_bytes), target);
+    let template = match size_bytes {
+        0 => "{bytes} read  {msg}  {elapsed} gone",
+        _ => "{bar:40} {percent:>3} %  {msg}  {elapsed} gone, {eta} left",
+    };
     bar.with_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
@@ -143,5 +156,6 @@ mod tests {
         assert_eq!(named("data/intel.log.gz"), "intel-map");
         assert_eq!(named(".hidden"), "hidden-map");
         assert_eq!(named("/"), "log-map");
+        assert_eq!((named("-"), named("./-")), ("stdin-map".to_owned(), "--map".to_owned()));
     }
 }
