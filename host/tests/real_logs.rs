@@ -54,6 +54,7 @@ fn intel() {
     assert_scans(&read, 13_631, 180, 81.83);
     assert_eq!(read.format, Some(LogFormat::Carmen));
     assert!(read.counts.backward_times > 600, "{:?}", read.counts);
+    assert_eq!(read.counts.repeated_times, 9);
     assert_eq!(count(&read, |echo| echo == Echo::Miss), 68_313);
     assert_eq!(read.scans[0].robot_from_lrf, Some(Pose2::IDENTITY));
     let (seconds, metres) = span(&read.scans);

@@ -72,7 +72,7 @@ fn log_notes(log: &LogCounts) -> Vec<Note> {
         (backward > 0, format!("{backward} scans are older than the one before (kept in file order)")),
         (
             repeated > 0,
-            format!("{repeated} scans have the time of the one before (trajectory.tum has the later's pose)"),
+            format!("{repeated} scans have the time of an earlier one (trajectory.tum has the last one's pose)"),
         ),
         (skipped > 0, format!("{skipped} lines of other kinds skipped")),
         (contradictions > 0, format!("{contradictions} scans contradict the laser's mounting on the robot")),

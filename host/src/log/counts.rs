@@ -36,7 +36,7 @@ pub struct LogCounts {
     pub damaged: Vec<DamagedLine>,
     /// Scans whose time lies before that of the scan before.
     pub backward_times: u64,
-    /// Scans with the very time of the scan before.
+    /// Scans with the very time of an earlier one: a trajectory has one pose for both.
     pub repeated_times: u64,
     /// Scans whose laser and robot poses contradict the mounting.
     pub mounting_contradictions: u64,

@@ -1,4 +1,4 @@
-//! Recorded laser logs: CARMEN, DP-SLAM and tinySLAM, plain or gzip, scan by scan in bounded memory.
+//! Recorded laser logs: CARMEN, DP-SLAM and tinySLAM, plain or gzip, scan by scan: only their times are kept.
 //!
 //! Data flow: file → lines → the format's reader → raw scan → [`LogScan`]: beams that hit, missed or are invalid, the
 //! robot's odometry and the laser's mounting. The format is known from the content, never from the name. The first
@@ -20,7 +20,7 @@ mod range_limit;
 mod raw;
 mod tinyslam;
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 use std::io::Read;
 use std::path::Path;
 
@@ -135,6 +135,7 @@ pub struct LogReader {
     scans_read: u64,
     content_lines: u64,
     last_stamp: Option<Instant>,
+    stamps: HashSet<Instant>,
     counts: LogCounts,
 }
 
@@ -174,6 +175,7 @@ impl LogReader {
             scans_read: 0,
             content_lines: 0,
             last_stamp: None,
+            stamps: HashSet::new(),
             counts: LogCounts::default(),
         };
         while reader.ahead.len() < LOOK_AHEAD && !reader.ended {
@@ -310,7 +312,7 @@ impl LogReader {
         self.counts.mounting_contradictions += u64::from(self.mounting.contradicted_by(scan));
         let stamp = self.stamp(scan);
         self.counts.backward_times += u64::from(self.last_stamp.is_some_and(|last| stamp < last));
-        self.counts.repeated_times += u64::from(self.last_stamp == Some(stamp));
+        self.counts.repeated_times += u64::from(!self.stamps.insert(stamp));
         self.last_stamp = Some(stamp);
         self.counts.scans += 1;
         LogScan {
