@@ -78,7 +78,7 @@ fn cut_last_line_is_flagged_and_no_error() {
 fn damaged_lines_are_left_out_and_named() {
     let whole = flaser("1 2", 0.0, 1.0);
     let wrong =
-        ["FLASER 2 1 x 0 0 0 0 0 0 1 h 1\n", "FLASER 2 1 0 0 0 0 0 0 1 h\n", "FLASER 2 1 2 0 0 0 0 0 0 inf h 1\n"];
+        ["FLASER 2 1 x 0 0 0 0 0 0 1 h 1\n", "FLASER 2 1 0 0 0 0 0 0 1\n", "FLASER 2 1 2 0 0 0 0 0 0 inf h 1\n"];
     let long = format!("{}\n", "FLASER ".repeat(300_000));
     let log = [&whole, wrong[0], wrong[1], &whole, wrong[2], &long, &whole].concat();
     let (scans, fault, counts) = read(log.as_bytes());
