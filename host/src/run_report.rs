@@ -1,11 +1,6 @@
 //! What a run was and what it cost: `run.json`, beside every result.
 
-use std::fs::File;
-use std::io::{self, Read};
-use std::path::Path;
-
 use serde::Serialize;
-use sha2::{Digest, Sha256};
 
 use crate::config::RunConfig;
 use crate::high_slam::HighCounts;
@@ -154,11 +149,11 @@ impl Program {
 /// The file that was read.
 #[derive(Debug, Clone, Serialize)]
 pub struct Input {
-    /// Its name as given.
+    /// Its name as given; `-` is the standard input.
     pub name: String,
-    /// SHA-256 of its bytes, hexadecimal.
-    pub sha256: String,
-    /// Its size.
+    /// SHA-256 of its bytes, hexadecimal; where reading failed, of those before; none while it is read.
+    pub sha256: Option<String>,
+    /// How many these are.
     pub bytes: u64,
     /// What it was found to be.
     pub format: Option<LogFormat>,
@@ -190,23 +185,6 @@ pub struct Cost {
     pub peak_memory_bytes: Option<u64>,
 }
 
-/// SHA-256 of the file at `path`, hexadecimal.
-///
-/// # Errors
-/// If it cannot be read.
-pub fn sha256_of_file(path: &Path) -> io::Result<String> {
-    let mut file = File::open(path)?;
-    let mut hash = Sha256::new();
-    let mut buffer = vec![0; 1 << 16];
-    loop {
-        match file.read(&mut buffer)? {
-            0 => break,
-            read => hash.update(&buffer[..read]),
-        }
-    }
-    Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
-}
-
 /// The most memory this process has held so far, bytes; `None` where there is no `/proc` that tells (`VmHWM`).
 pub fn peak_memory_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
@@ -218,14 +196,6 @@ pub fn peak_memory_bytes() -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn hash_is_the_standard_s_example() {
-        let file = tempfile::NamedTempFile::new().unwrap();
-        std::fs::write(file.path(), b"abc").unwrap();
-        let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"; // FIPS 180-4, one block
-        assert_eq!(sha256_of_file(file.path()).unwrap(), expected);
-    }
 
     #[test]
     fn peak_memory_is_plausible_where_it_is_told() {

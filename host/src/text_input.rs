@@ -1,16 +1,18 @@
-//! Text files line by line: plain or gzip, in bounded memory, with the bytes read so far for a progress bar.
+//! Text files line by line: plain or gzip, in bounded memory, with count and hash of the bytes read so far.
 //!
-//! Data flow: file → byte counter → gzip if its magic bytes say so → lines of at most [`LINE_BYTES_MAX`].
+//! Data flow: file → byte counter and hash → gzip if its magic bytes say so → lines of at most [`LINE_BYTES_MAX`].
 //! What a line means is its reader's business; [`Words`] cuts it into fields and says which one is wrong.
 
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Cursor, ErrorKind, Read};
+use std::io::{self, BufRead, BufReader, Chain, Cursor, ErrorKind, Read};
 use std::path::Path;
 use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use flate2::read::MultiGzDecoder;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
 
 /// A longer line is not text of ours: a scan of 1081 beams with remissions needs 20 kB.
 pub const LINE_BYTES_MAX: usize = 1 << 20;
@@ -34,7 +36,7 @@ pub enum LineFault {
 }
 
 /// A field that is missing or not what it should be.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize)]
 #[error("field {field}: expected {expected}, found {found}")]
 pub struct FieldFault {
     /// Its name, such as `range 17`.
@@ -67,22 +69,51 @@ impl ByteCount {
     }
 }
 
-struct Counted<R> {
-    inner: R,
+/// Bytes as they come, counted and hashed.
+struct Source {
+    inner: Box<dyn Read + Send>,
     count: ByteCount,
+    hash: Sha256,
 }
 
-impl<R: Read> Read for Counted<R> {
+impl Read for Source {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.inner.read(buffer)?;
         self.count.0.fetch_add(read as u64, Ordering::Relaxed);
+        self.hash.update(&buffer[..read]);
         Ok(read)
+    }
+}
+
+/// The first two bytes again, then the rest.
+type Whole = Chain<Cursor<Vec<u8>>, Source>;
+
+enum Text {
+    Plain(Whole),
+    Gzip(Box<MultiGzDecoder<Whole>>),
+}
+
+impl Text {
+    fn source(&mut self) -> &mut Source {
+        match self {
+            Self::Plain(whole) => whole.get_mut().1,
+            Self::Gzip(packed) => packed.get_mut().get_mut().1,
+        }
+    }
+}
+
+impl Read for Text {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::Plain(whole) => whole.read(buffer),
+            Self::Gzip(packed) => packed.read(buffer),
+        }
     }
 }
 
 /// The lines of a plain or gzip text.
 pub struct Lines {
-    input: BufReader<Box<dyn Read + Send>>,
+    input: BufReader<Text>,
     buffer: Vec<u8>,
     number: u64,
     count: ByteCount,
@@ -108,13 +139,13 @@ impl Lines {
     /// If its first two bytes cannot be read.
     pub fn new(source: impl Read + Send + 'static) -> Result<Self, LineFault> {
         let count = ByteCount::default();
-        let mut counted = Counted { inner: source, count: count.clone() };
+        let mut source = Source { inner: Box::new(source), count: count.clone(), hash: Sha256::new() };
         let mut magic = Vec::with_capacity(GZIP_MAGIC.len());
-        counted.by_ref().take(GZIP_MAGIC.len() as u64).read_to_end(&mut magic)?;
+        source.by_ref().take(GZIP_MAGIC.len() as u64).read_to_end(&mut magic)?;
         let gzip = magic == GZIP_MAGIC;
-        let whole = Cursor::new(magic).chain(counted);
-        let input: Box<dyn Read + Send> = if gzip { Box::new(MultiGzDecoder::new(whole)) } else { Box::new(whole) };
-        Ok(Self { input: BufReader::with_capacity(1 << 16, input), buffer: Vec::new(), number: 0, count })
+        let whole = Cursor::new(magic).chain(source);
+        let text = if gzip { Text::Gzip(Box::new(MultiGzDecoder::new(whole))) } else { Text::Plain(whole) };
+        Ok(Self { input: BufReader::with_capacity(1 << 16, text), buffer: Vec::new(), number: 0, count })
     }
 
     /// The count of bytes read, to watch while lines are taken.
@@ -122,7 +153,22 @@ impl Lines {
         self.count.clone()
     }
 
-    /// The next line; `None` at the end. After a fault there is nothing more to be had.
+    /// SHA-256 of the bytes read so far, hexadecimal; compressed ones if the file is gzip.
+    pub fn sha256(&mut self) -> String {
+        let hash = self.input.get_mut().source().hash.clone();
+        hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// Reads what is left behind the last line or a fault, for the hash alone.
+    ///
+    /// # Errors
+    /// If reading fails; what was read until then counts.
+    pub fn read_rest(&mut self) -> io::Result<()> {
+        io::copy(self.input.get_mut().source(), &mut io::sink()).map(drop)
+    }
+
+    /// The next line; `None` at the end. After a fault there is nothing more to be had, but see
+    /// [`skip_line`](Self::skip_line).
     ///
     /// # Errors
     /// See [`LineFault`].
@@ -140,6 +186,14 @@ impl Lines {
         }
         let text = String::from_utf8_lossy(self.buffer.trim_ascii());
         Ok(Some(Line { number: self.number, text, ended }))
+    }
+
+    /// Passes over the rest of a line that was [too long](LineFault::TooLong).
+    ///
+    /// # Errors
+    /// As [`next_line`](Self::next_line).
+    pub fn skip_line(&mut self) -> Result<(), LineFault> {
+        self.input.skip_until(b'\n').map(drop).map_err(cut_or_io)
     }
 
     /// Number of the line read last, from 1; 0 before the first.
@@ -244,6 +298,35 @@ mod tests {
         assert!(matches!(all(packed), Err(LineFault::Truncated)));
         assert!(matches!(all(vec![b'x'; LINE_BYTES_MAX + 1]), Err(LineFault::TooLong)));
         assert_eq!(all(vec![b'x'; LINE_BYTES_MAX]).unwrap().len(), 1);
+    }
+
+    #[test]
+    fn lines_go_on_behind_one_that_is_too_long() {
+        let mut lines =
+            Lines::new(Cursor::new([vec![b'x'; 3 * LINE_BYTES_MAX], b"\nnext\n".to_vec()].concat())).unwrap();
+        assert!(matches!(lines.next_line(), Err(LineFault::TooLong)));
+        lines.skip_line().unwrap();
+        let next = lines.next_line().unwrap().unwrap();
+        assert_eq!((next.number, next.text.as_ref()), (2, "next"));
+    }
+
+    #[test]
+    fn hash_is_that_of_the_bytes_in_the_file() {
+        let sha256 = |bytes: &[u8]| {
+            let mut lines = Lines::new(Cursor::new(bytes.to_vec())).unwrap();
+            while let Ok(Some(_)) = lines.next_line() {}
+            lines.read_rest().unwrap();
+            assert_eq!(lines.bytes_read().get(), bytes.len() as u64);
+            lines.sha256()
+        };
+        // FIPS 180-4, one block.
+        assert_eq!(sha256(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+        let packed = gzip(&[b'a'; 3 << 20]);
+        let expected: String = Sha256::digest(&packed).iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(sha256(&packed), expected);
+        let plain = [vec![b'x'; 5 * LINE_BYTES_MAX], b"\nrest".to_vec()].concat();
+        let expected: String = Sha256::digest(&plain).iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(sha256(&plain), expected, "behind a fault too");
     }
 
     #[test]

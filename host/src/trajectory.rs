@@ -1,9 +1,10 @@
 //! A robot's path: poses with times, and the TUM text format for them.
 //!
 //! TUM: a line `t x y z qx qy qz qw` per pose, seconds, metres and a unit quaternion; in the plane z = qx = qy = 0.
-//! Poses stand in file order, under the times of their scans, and these may run backwards. The reader also takes the
-//! four columns `t x y θ` (rad) of GMapping's corrected poses.
+//! Poses stand under the times of their scans, in order of time, each time once ([`by_time`]). The reader takes any order,
+//! and also the four columns `t x y θ` (rad) of GMapping's corrected poses.
 
+use std::collections::HashMap;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -11,6 +12,7 @@ use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::Instant;
 
+use crate::log::LogScan;
 use crate::output::PendingFile;
 use crate::pose_f64::PoseF64;
 use crate::table::{TableError, read_table};
@@ -42,14 +44,43 @@ impl TimedPose {
     }
 }
 
-/// Writes the file `file` in TUM's format, a line for each pose, in the order of `poses`.
+/// Poses in order of time, each time once, as tools that read TUM files want them.
+///
+/// * `poses` — in the order of their scans; of several with the same time the last is kept
+pub fn by_time(poses: &[TimedPose]) -> Vec<TimedPose> {
+    let mut sorted = poses.to_vec();
+    sorted.sort_by_key(|pose| pose.stamp);
+    sorted.dedup_by(|later, kept| {
+        let repeats = later.stamp == kept.stamp;
+        if repeats {
+            *kept = *later;
+        }
+        repeats
+    });
+    sorted
+}
+
+/// Scans in their own order with the pose of each; what [`by_time`] has left out is left out.
+///
+/// * `poses` — in any order; those that are missing leave fewer poses than scans
+pub fn with_poses(scans: Vec<LogScan>, poses: &[TimedPose]) -> (Vec<LogScan>, Vec<TimedPose>) {
+    let last: HashMap<Instant, u64> = scans.iter().map(|scan| (scan.stamp, scan.line)).collect();
+    let found: HashMap<Instant, TimedPose> = poses.iter().map(|pose| (pose.stamp, *pose)).collect();
+    let scans: Vec<LogScan> = scans.into_iter().filter(|scan| last[&scan.stamp] == scan.line).collect();
+    let poses = scans.iter().filter_map(|scan| found.get(&scan.stamp).copied()).collect();
+    (scans, poses)
+}
+
+/// Writes the file `file` in TUM's format: a line for each pose, in order of time, each time once.
+///
+/// * `poses` — in the order of their scans
 ///
 /// # Errors
 /// If it cannot be written; it is named.
 pub fn write_trajectory(file: &Path, poses: &[TimedPose]) -> anyhow::Result<()> {
     let write = || {
         let mut out = PendingFile::create(file)?;
-        poses.iter().try_for_each(|pose| pose.write_tum(&mut out))?;
+        by_time(poses).iter().try_for_each(|pose| pose.write_tum(&mut out))?;
         out.finish()
     };
     write().with_context(|| format!("{}: cannot be written", file.display()))
@@ -107,6 +138,30 @@ mod tests {
         assert_eq!(text, "976052857.337530 1.500000 -2.250000 0 0 0 1.000000000 -0.000000044\n");
         let before_zero = TimedPose { stamp: Instant::from_micros(-1), map_from_robot: Pose2::IDENTITY };
         assert!(written(&[before_zero]).starts_with(b"-0.000001 "));
+    }
+
+    fn pose(micros: i64, x: f32) -> TimedPose {
+        TimedPose { stamp: Instant::from_micros(micros), map_from_robot: Pose2::new(x, 0.0, 0.0) }
+    }
+
+    #[test]
+    fn times_that_run_backwards_or_repeat_come_sorted_and_once() {
+        let poses = [pose(10, 0.0), pose(30, 1.0), pose(20, 2.0), pose(30, 3.0), pose(20, 4.0), pose(20, 5.0)];
+        assert_eq!(by_time(&poses), [pose(10, 0.0), pose(20, 5.0), pose(30, 3.0)]);
+        assert!(by_time(&[]).is_empty());
+    }
+
+    #[test]
+    fn scans_find_their_poses_in_a_sorted_trajectory() {
+        let log = [30, 10, 30, 20].map(|s| format!("FLASER 1 {s} 0 0 0 0 0 0 {s} host {s}\n")).concat();
+        let log = std::io::Cursor::new(log.into_bytes());
+        let scans = crate::log::LogReader::from_reader("a.log", log, crate::log::LogOptions::default()).unwrap();
+        let scans: Vec<LogScan> = scans.collect::<Result<_, _>>().unwrap();
+        let poses = [pose(10_000_000, 1.0), pose(20_000_000, 2.0), pose(30_000_000, 3.0)];
+        let (kept, found) = with_poses(scans.clone(), &poses);
+        assert_eq!(kept.iter().map(|scan| scan.line).collect::<Vec<_>>(), [2, 3, 4]);
+        assert_eq!(found, [poses[0], poses[2], poses[1]]);
+        assert_eq!(with_poses(scans, &poses[1..]).1.len(), 2, "one is missing");
     }
 
     #[test]

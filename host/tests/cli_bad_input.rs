@@ -126,25 +126,75 @@ fn nan_and_negative_ranges_are_invalid_beams() {
 }
 
 #[test]
-fn beam_count_changing_midway_keeps_what_was_read() {
+fn damaged_lines_are_left_out_and_named() {
     let folder = folder();
-    let log = log_of(50) + &flaser(50, 181) + &flaser(51, 180);
-    let (code, message) = map(folder.path(), log.as_bytes(), &[]);
-    assert_eq!(code, 1);
+    let scan = |i: u32| flaser(i, 180);
+    let damaged = [
+        scan(5).replacen("3.00", "3,00", 1),
+        scan(6).replacen("3.00 ", "", 1),
+        scan(7).replace("7.000000", "nan"),
+        flaser(8, 90),
+    ];
+    fs::write(folder.path().join("a.log"), log_of(5) + &damaged.concat() + &scan(9) + &flaser(10, 181)).unwrap();
+    let (code, stdout, message) = run(folder.path(), &["map", "a.log", "--out", "out"]);
+    assert_eq!((code, message.as_str()), (0, ""));
+    assert!(stdout.contains("note: WARNING: 4 of 11 lines with scans (36.4 %) are damaged"), "{stdout}");
+    assert!(stdout.contains("line 6: field range 1 of 180: expected a number (m), found \"3,00\""), "{stdout}");
+    assert!(stdout.contains("line 9: field number of beams: expected 180"), "{stdout}");
+    assert_eq!(poses(folder.path()), 7);
+    let report = report(folder.path());
+    assert_eq!((report["partial"].as_bool(), report["log"]["damaged_lines"].as_u64()), (Some(false), Some(4)));
+    let second = &report["log"]["damaged"][1];
+    assert_eq!((second["line"].as_u64(), second["found"].as_str()), (Some(7), Some("\"host\"")), "{second}");
+    let (code, message) = map(folder.path(), damaged[..3].concat().as_bytes(), &[]);
+    assert_eq!(code, 2);
     assert_one_line(&message);
-    assert!(message.contains("line 51: the scan has 181 beams, expected 180"), "{message}");
-    assert_eq!(poses(folder.path()), 50);
-    assert_eq!(report(folder.path())["partial"], true);
+    assert!(message.contains("a.log: no scan can be read: 3 damaged lines, the first: line 1: field"), "{message}");
 }
 
 #[test]
-fn wrong_field_midway_keeps_what_was_read() {
+fn log_comes_from_standard_input() {
     let folder = folder();
-    let log = log_of(5) + &flaser(5, 180).replacen("3.00", "3,00", 1) + &flaser(6, 180);
-    let (code, message) = map(folder.path(), log.as_bytes(), &[]);
-    assert_eq!(code, 1);
-    assert!(message.contains("line 6: field range 1 of 180: expected a number (m), found \"3,00\""), "{message}");
-    assert_eq!(poses(folder.path()), 5);
+    let text = log_of(40);
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    encoder.write_all(text.as_bytes()).unwrap();
+    let packed = encoder.finish().unwrap();
+    let (code, message) = map(folder.path(), &packed, &[]);
+    assert_eq!((code, message.as_str()), (0, ""));
+    let from_file = report(folder.path());
+    let mut child = lrfslam(folder.path(), &["map", "-"]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    child.stdin.take().unwrap().write_all(&packed).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success() && output.stdout.ends_with(b"results in stdin-map\n"), "{output:?}");
+    let written = |folder: &Path, name: &str| fs::read(folder.join(name)).unwrap();
+    let (piped, out) = (folder.path().join("stdin-map"), folder.path().join("out"));
+    for name in ["trajectory.tum", "map.pgm", "map.lrfslam"] {
+        assert_eq!(written(&piped, name), written(&out, name), "{name}");
+    }
+    let from_pipe: serde_json::Value = serde_json::from_slice(&written(&piped, "run.json")).unwrap();
+    assert_eq!((from_pipe["input"]["name"].as_str(), from_file["input"]["name"].as_str()), (Some("-"), Some("a.log")));
+    assert_eq!(from_pipe["input"]["bytes"].as_u64(), Some(packed.len() as u64));
+    for key in ["sha256", "bytes", "format"] {
+        assert_eq!(from_pipe["input"][key], from_file["input"][key], "{key}");
+    }
+    let nothing = lrfslam(folder.path(), &["map", "-"]).stdin(Stdio::null()).output().unwrap();
+    let message = String::from_utf8(nothing.stderr).unwrap();
+    assert_eq!((nothing.status.code(), message.as_str()), (Some(2), "lrfslam: -: the log is empty\n"));
+}
+
+#[test]
+fn trajectory_is_sorted_by_time_with_each_time_once() {
+    let folder = folder();
+    let log = [0, 1, 3, 2, 4, 4].map(|i| flaser(i, 180)).concat();
+    let (code, _) = map(folder.path(), log.as_bytes(), &[]);
+    assert_eq!(code, 0);
+    let text = fs::read_to_string(folder.path().join("out/trajectory.tum")).unwrap();
+    let times: Vec<&str> = text.lines().map(|line| line.split(' ').next().unwrap()).collect();
+    assert_eq!(times, ["0.000000", "1.000000", "2.000000", "3.000000", "4.000000"]);
+    let counts = &report(folder.path())["log"];
+    assert_eq!((counts["backward_times"].as_u64(), counts["repeated_times"].as_u64()), (Some(1), Some(1)));
+    let (code, stdout, stderr) = run(folder.path(), &["eval", "out/trajectory.tum", "--stretches", "a.log"]);
+    assert!(code == 2 && stderr.contains("5 scans"), "{stdout}{stderr}");
 }
 
 #[test]

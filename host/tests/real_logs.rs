@@ -54,6 +54,7 @@ fn intel() {
     assert_scans(&read, 13_631, 180, 81.83);
     assert_eq!(read.format, Some(LogFormat::Carmen));
     assert!(read.counts.backward_times > 600, "{:?}", read.counts);
+    assert_eq!(read.counts.repeated_times, 9);
     assert_eq!(count(&read, |echo| echo == Echo::Miss), 68_313);
     assert_eq!(read.scans[0].robot_from_lrf, Some(Pose2::IDENTITY));
     let (seconds, metres) = span(&read.scans);
@@ -86,6 +87,19 @@ fn urg04lx() {
     assert_eq!(count(&read, |echo| matches!(echo, Echo::Hit(range) if range < 0.02)), 0);
     let (seconds, metres) = span(&read.scans);
     assert!((seconds - 63.16).abs() < 0.01 && (40.0..50.0).contains(&metres), "{seconds} s, {metres} m");
+}
+
+#[test]
+fn freiburg_clinic_alternates_between_180_and_181_beams() {
+    let Some(read) = read("logs/fr-clinic.clf.gz") else { return };
+    assert_eq!((read.scans.len(), read.counts.damaged_lines, read.counts.skipped_lines), (6917, 0, 0));
+    // Four sets of angles in turn, a quarter of a degree apart, each line with its own.
+    let mut sets: Vec<(usize, i32)> =
+        read.scans.iter().map(|scan| (scan.beams.len(), (scan.beams[0].bearing_rad * 1e6) as i32)).collect();
+    sets.sort_unstable();
+    let counts: Vec<_> = sets.chunk_by(|a, b| a == b).map(|set| (set[0].0, set.len())).collect();
+    assert_eq!(counts, [(180, 1709), (180, 1725), (180, 1735), (181, 1748)]);
+    assert!(read.scans.iter().all(|scan| scan.robot_from_lrf.is_some_and(|pose| (pose.x - 0.22).abs() < 0.005)));
 }
 
 #[test]

@@ -25,8 +25,8 @@ impl ReadAhead {
         Self { log, ahead: Vec::new(), taken: 0, fault: None }
     }
 
-    pub(super) fn log(&self) -> &LogReader {
-        &self.log
+    pub(super) fn log(&mut self) -> &mut LogReader {
+        &mut self.log
     }
 }
 

@@ -12,7 +12,7 @@ use crate::evaluation::{
     evaluate_stretches, evaluate_truth, read_relations,
 };
 use crate::log::{LogOptions, LogReader, LogScan};
-use crate::trajectory::{TimedPose, read_trajectory};
+use crate::trajectory::{TimedPose, read_trajectory, with_poses};
 
 /// Judge a trajectory by relations between poses or by the true path.
 ///
@@ -93,7 +93,8 @@ fn by_truth(args: &EvalArgs, poses: &[TimedPose], file: &Path, tolerance: Durati
 fn by_stretches(args: &EvalArgs, poses: &[TimedPose], log: &Path) -> Result<String, Failure> {
     let scans = LogReader::open(log, LogOptions::default()).map_err(Failure::start)?;
     let scans: Vec<LogScan> = scans.collect::<Result<_, _>>().map_err(Failure::start)?;
-    let report = evaluate_stretches(poses, &scans).map_err(Failure::start)?;
+    let (scans, poses) = with_poses(scans, poses);
+    let report = evaluate_stretches(&poses, &scans).map_err(Failure::start)?;
     if args.json { json(&report) } else { Ok(stretch_table(&report)) }
 }
 

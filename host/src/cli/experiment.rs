@@ -19,7 +19,7 @@ use crate::experiment::{
 };
 use crate::log::{LogReader, LogScan};
 use crate::output::write_file;
-use crate::trajectory::read_trajectory;
+use crate::trajectory::{read_trajectory, with_poses};
 
 /// Measure the methods on scans whose true path is known, simulated or real.
 #[derive(Debug, Args)]
@@ -185,6 +185,7 @@ fn run_match_pairs(args: &MatchPairsArgs) -> Result<(), Failure> {
     let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
     let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
     let poses = read_trajectory(&args.trajectory).map_err(Failure::start)?;
+    let (scans, poses) = with_poses(scans, &poses);
     let pairs = MatchPairsConfig {
         pairs: args.pairs,
         gap: args.gap,

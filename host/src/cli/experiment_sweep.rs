@@ -15,7 +15,7 @@ use crate::experiment::{
 };
 use crate::log::{LogReader, LogScan};
 use crate::output::write_file;
-use crate::trajectory::read_trajectory;
+use crate::trajectory::{read_trajectory, with_poses};
 
 /// What a sweep needs.
 #[derive(Debug, Args)]
@@ -64,6 +64,7 @@ pub(super) fn run(experiment: Experiment, args: &SweepArgs) -> Result<(), Failur
     let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
     let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
     let poses = read_trajectory(&args.trajectory).map_err(Failure::start)?;
+    let (scans, poses) = with_poses(scans, &poses);
     let cases = cases(experiment, &config, args.noise / 1000.0);
     let plan = SweepConfig {
         poses: args.poses as usize,

@@ -8,8 +8,9 @@ use clap::Args;
 use lrfslam_core::geometry::Pose2;
 
 use super::laser::interrupt_flag;
-use super::map::{input, progress_bar, stem};
+use super::map::{input, open_log, progress_bar, stem};
 use super::out::OutArgs;
+use super::summary::log_lines;
 use super::{Failure, print};
 use crate::config::RunConfig;
 use crate::localize::{KnownMap, LocalizeCounts, LocalizerMemory};
@@ -24,7 +25,7 @@ use crate::saved_map::SavedMap;
 /// deviations, and the probability that the position is right) and run.json.
 #[derive(Debug, Args)]
 pub(super) struct LocalizeArgs {
-    /// The log.
+    /// The log; - reads it from standard input.
     log: PathBuf,
     /// Folder that `lrfslam map` has written.
     #[arg(long, value_name = "DIR")]
@@ -97,8 +98,7 @@ pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
     let saved = SavedMap::read(&args.map).map_err(Failure::start)?;
     let config = config_of(&saved, args.config.as_deref(), &args.set)?;
     let map = KnownMap::new(&saved, &config).map_err(|error| not_whole(&args.map, &error))?;
-    let mut log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let about = input(&args.log, &log).map_err(Failure::Start)?;
+    let mut log = open_log(&args.log, config.log_options()).map_err(Failure::start)?;
     let start = args.start.map(|start| start.pose(&map));
     let mut memory = LocalizerMemory::new(&config);
     let mut run = LocalizeRun::new((&config, args.seed), &map, start, &mut memory).map_err(Failure::Start)?;
@@ -106,7 +106,7 @@ pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
     let progress = progress_bar(log.size_bytes(), args.quiet);
     let (ending, fault) = locate_scans(&mut log, &mut run, &config, (&progress, stop));
     progress.finish_and_clear();
-    let source = Source::Log { input: about, log: log.counts(), range_max_m: log.range_max_m() };
+    let source = Source::Log { input: input(&args.log, &mut log), log: log.counts(), range_max_m: log.range_max_m() };
     let describe = |localisation, first_found_after_s| LocalizeReport {
         program: Program::THIS,
         map: args.map.display().to_string(),
@@ -176,6 +176,9 @@ fn summary(report: &LocalizeReport, out: &Path) -> String {
         Some(_) if report.start.is_some() => writeln!(text, "; lost {lost} times, found again {found} times"),
         Some(after_s) => writeln!(text, "; found after {after_s:.1} s; found {found} times, lost {lost} times"),
     };
+    if let Source::Log { log, .. } = &report.source {
+        text.push_str(&log_lines(log));
+    }
     let _ = writeln!(text, "results in {}", out.display());
     text
 }

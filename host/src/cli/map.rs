@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::Context as _;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -15,21 +14,21 @@ use super::particles::ParticleArgs;
 use super::summary::summary;
 use super::{Failure, print};
 use crate::config::RunConfig;
-use crate::log::LogReader;
+use crate::log::{LogError, LogOptions, LogReader};
 use crate::map_run::{About, MapRun, RunMemory};
 use crate::output::ResultFolder;
-use crate::run_report::{Ending, Input, RunReport, Source, sha256_of_file};
+use crate::run_report::{Ending, Input, RunReport, Source};
 use crate::saved_map::SavedMap;
 
 /// Map a recorded laser log.
 ///
 /// LOG is a CARMEN log (FLASER, ROBOTLASER1), a DP-SLAM log or tinySLAM's URG-04LX sample, plain or gzip. Written are
-/// trajectory.tum (the robot's pose for every scan), map.pgm and map.yaml (for ROS), map.png (for people), steps.csv
+/// trajectory.tum (the robot's pose for every scan, by time), map.pgm and map.yaml (for ROS), map.png (for people), steps.csv
 /// (what the particle filter did), run.json and map.lrfslam (for `lrfslam localize`). Ctrl-C ends the run early; what was
 /// mapped until then is written.
 #[derive(Debug, Args)]
 pub(super) struct MapArgs {
-    /// The log.
+    /// The log; - reads it from standard input.
     log: PathBuf,
     #[command(flatten)]
     out: OutArgs,
@@ -69,8 +68,7 @@ pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
     let saved = args.continued.as_deref().map(SavedMap::read).transpose().map_err(Failure::start)?;
     let defaults = saved.as_ref().map_or_else(RunConfig::default, |saved| saved.config);
     let config = args.particles.load_over(defaults, args.config.as_deref(), &args.set)?;
-    let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let input = input(&args.log, &log).map_err(Failure::Start)?;
+    let log = open_log(&args.log, config.log_options()).map_err(Failure::start)?;
     let mut scans = ReadAhead::new(log);
     let mut memory = RunMemory::new(&config, args.particles.threads());
     let mut map = MapRun::new(&config, args.seed, &mut memory).map_err(Failure::Start)?;
@@ -83,7 +81,7 @@ pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
         map.go_on(saved, folder, start).map_err(Failure::Start)?;
     }
     let progress = progress_bar(scans.log().size_bytes(), args.quiet);
-    let mut mapping = Mapping { args, config: &config, input, scans, folder: &mut folder, stop };
+    let mut mapping = Mapping { args, config: &config, scans, folder: &mut folder, stop };
     let (ending, fault) = mapping.map_scans(&mut map, &progress);
     progress.finish_and_clear();
     let about = mapping.about(ending, fault.as_ref());
@@ -104,7 +102,6 @@ pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
 struct Mapping<'a> {
     args: &'a MapArgs,
     config: &'a RunConfig,
-    input: Input,
     scans: ReadAhead,
     folder: &'a mut ResultFolder,
     stop: &'a AtomicBool,
@@ -143,17 +140,35 @@ impl Mapping<'_> {
         }
     }
 
-    fn about(&self, ending: Ending, fault: Option<&anyhow::Error>) -> About {
+    fn about(&mut self, ending: Ending, fault: Option<&anyhow::Error>) -> About {
         let log = self.scans.log();
-        let source = Source::Log { input: self.input.clone(), log: log.counts(), range_max_m: log.range_max_m() };
+        let input = match ending {
+            Ending::Running => input_so_far(&self.args.log, log),
+            _ => input(&self.args.log, log),
+        };
+        let source = Source::Log { input, log: log.counts(), range_max_m: log.range_max_m() };
         About { source, odometry: self.args.odometry, ending, fault: fault.map(|error| format!("{error:#}")) }
     }
 }
 
-pub(super) fn input(path: &Path, log: &LogReader) -> anyhow::Result<Input> {
-    let name = path.display().to_string();
-    let sha256 = sha256_of_file(path).with_context(|| format!("{name}: cannot be read"))?;
-    Ok(Input { name, sha256, bytes: log.size_bytes(), format: log.format() })
+/// The log at `path`, or from standard input.
+pub(super) fn open_log(path: &Path, options: LogOptions) -> Result<LogReader, LogError> {
+    if is_stdin(path) { LogReader::from_reader("-", std::io::stdin(), options) } else { LogReader::open(path, options) }
+}
+
+fn is_stdin(log: &Path) -> bool {
+    log.as_os_str() == "-"
+}
+
+/// What the log is, while it is read.
+fn input_so_far(path: &Path, log: &LogReader) -> Input {
+    Input { name: path.display().to_string(), sha256: None, bytes: log.bytes_read().get(), format: log.format() }
+}
+
+/// What the log was, when it has been read.
+pub(super) fn input(path: &Path, log: &mut LogReader) -> Input {
+    let sha256 = Some(log.sha256());
+    Input { sha256, ..input_so_far(path, log) }
 }
 
 fn partial_notice(report: &RunReport, out: &Path) -> String {
@@ -168,18 +183,24 @@ fn with_cause(error: anyhow::Error, fault: Option<&anyhow::Error>) -> anyhow::Er
     }
 }
 
-/// `intel.log.gz` and "map" → `intel-map`.
+/// `intel.log.gz` and "map" → `intel-map`; standard input → `stdin-map`.
 pub(super) fn stem(log: &Path, what: &str) -> String {
+    if is_stdin(log) {
+        return format!("stdin-{what}");
+    }
     let name = log.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.split('.').find(|part| !part.is_empty()).unwrap_or("log");
     format!("{stem}-{what}")
 }
 
-/// Bytes read of the log, with scans per second and time left; hidden if stderr is not a terminal.
+/// Bytes read of the log, with scans per second and, if its size is not 0, time left; hidden if stderr is not a terminal.
 pub(super) fn progress_bar(size_bytes: u64, quiet: bool) -> ProgressBar {
     let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(10) };
-    let bar = ProgressBar::with_draw_target(Some(size_bytes), target);
-    let template = "{bar:40} {percent:>3} %  {msg}  {elapsed} gone, {eta} left";
+    let bar = ProgressBar::with_draw_target((size_bytes > 0).then_some(size_bytes), target);
+    let template = match size_bytes {
+        0 => "{bytes} read  {msg}  {elapsed} gone",
+        _ => "{bar:40} {percent:>3} %  {msg}  {elapsed} gone, {eta} left",
+    };
     bar.with_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
@@ -193,5 +214,6 @@ mod tests {
         assert_eq!(named("data/intel.log.gz"), "intel-map");
         assert_eq!(named(".hidden"), "hidden-map");
         assert_eq!(named("/"), "log-map");
+        assert_eq!((named("-"), named("./-")), ("stdin-map".to_owned(), "--map".to_owned()));
     }
 }

@@ -85,11 +85,23 @@ fn map_notes(report: &RunReport) -> Vec<Note> {
     ]
 }
 
+/// What was odd about a log, a line each.
+pub(super) fn log_lines(log: &LogCounts) -> String {
+    let notes = log_notes(log).into_iter().filter(|(applies, _)| *applies);
+    notes.map(|(_, note)| format!("note: {note}\n")).collect()
+}
+
 fn log_notes(log: &LogCounts) -> Vec<Note> {
     let (backward, skipped, contradictions) = (log.backward_times, log.skipped_lines, log.mounting_contradictions);
+    let (damage, repeated) = (log.damage_note(), log.repeated_times);
     vec![
+        (damage.is_some(), damage.unwrap_or_default()),
         (log.synthetic_times, "the log has no times; scans are stamped at a fixed rate".to_owned()),
         (backward > 0, format!("{backward} scans are older than the one before (kept in file order)")),
+        (
+            repeated > 0,
+            format!("{repeated} scans have the time of an earlier one (trajectory.tum has the last one's pose)"),
+        ),
         (skipped > 0, format!("{skipped} lines of other kinds skipped")),
         (contradictions > 0, format!("{contradictions} scans contradict the laser's mounting on the robot")),
         (log.cut_last_line, "the last line of the log is cut short and was ignored".to_owned()),

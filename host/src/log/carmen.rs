@@ -36,6 +36,8 @@ const KINDS: [&str; 12] = [
 
 /// Fields of a `FLASER` line behind its ranges, without and with host and logger's time.
 const FLASER_TAIL: std::ops::RangeInclusive<usize> = 7..=9;
+/// As many if the host is the last of them.
+const HOST_LAST: usize = 8;
 
 #[derive(Debug, Default)]
 pub(super) struct CarmenReader {
@@ -94,6 +96,10 @@ fn flaser(words: &mut Words<'_>, line: &Line<'_>) -> Result<RawScan, FieldFault>
     }
     poses(words, &mut scan)?;
     scan.stamp = Some(time(words)?);
+    // One range too many in a line that ends with its time looks like a line that ends with the host.
+    if left == HOST_LAST && words.word().is_some_and(|host| host.parse::<f64>().is_ok()) {
+        return Err(fault("host".to_owned(), "a name", Some("a number")));
+    }
     Ok(scan)
 }
 
@@ -117,6 +123,10 @@ fn robot_laser(words: &mut Words<'_>, line: u64) -> Result<RawScan, FieldFault> 
     }
     scan.stamp = Some(time(words)?);
     let _host = words.parse::<String>(|| "host".to_owned(), "a name")?;
+    let left = words.left();
+    if left > 1 {
+        return Err(fault("behind host".to_owned(), "at most the logger's time", Some(&format!("{left} fields"))));
+    }
     scan.range_max_m = Some(range_max_m).filter(|&range| range > 0.0);
     // Some loggers left the angles zero.
     let sane = (1e-4..0.2).contains(&step_rad) && start_rad.abs() <= std::f64::consts::TAU;
@@ -200,7 +210,10 @@ mod tests {
         assert!(wrong("FLASER 0 0 0 0 0 0 0 1 h 1", true).contains("number of beams"));
         assert!(wrong("FLASER 2 1 2 3 0 0 0 0 0 0 1 h 1", true).contains("10 fields"));
         assert!(wrong("FLASER 3 1 2 3 0 0 0 0 0 0 nan h 1", true).contains("time"));
+        assert!(wrong("FLASER 3 1 2 3 4 0 0 0 0 0 0 97605", true).contains("field host: expected a name"));
         assert!(wrong("FLASER 3 1 2 3 0 0 0 0 0 0 97605", false).contains("7 fields"));
         assert!(wrong("ROBOTLASER1 0 -1.5 3", true).contains("angular resolution"));
+        let two = "ROBOTLASER1 0 -1.5 3 0.1 40.0 0.01 0 1 1 0 1 0 0 1 0 0 0 0 0 0 0 12.5 host 12.6 ".repeat(2);
+        assert!(wrong(&two, true).contains("behind host"), "a lost line end");
     }
 }

@@ -29,6 +29,8 @@ impl LineReader for DpSlamReader {
         let mut words = Words::new(&line.text);
         match words.word() {
             Some("Odometry") => {
+                // That of an earlier line must not stand in for one that cannot be read.
+                self.odometry = None;
                 self.odometry = pose(&mut words, "odometry")?;
                 Ok(Content::Other)
             }
@@ -40,12 +42,13 @@ impl LineReader for DpSlamReader {
 
 impl DpSlamReader {
     fn scan(&mut self, words: &mut Words<'_>, line: u64) -> Result<Content, FieldFault> {
+        let odometry = self.odometry.take();
         let count = beam_count(words)?;
         let mut scan = RawScan::new(line, ranges(words, count)?);
         if let Some(more) = words.word() {
             return Err(fault(format!("{}", count + 3), &format!("no more than {count} ranges"), Some(more)));
         }
-        scan.odometry_from_robot = self.odometry.take();
+        scan.odometry_from_robot = odometry;
         Ok(Content::Scan(Box::new(scan)))
     }
 }
@@ -65,6 +68,9 @@ mod tests {
         assert_eq!(scan.odometry_from_robot, None);
         assert_eq!(read("Laser 2 0.5").unwrap_err().field, "range 2 of 2");
         assert_eq!(read("Laser 2 0.5 1 7").unwrap_err().field, "5");
+        assert!(matches!(read("Odometry 1 2 3"), Ok(Content::Other)));
         assert_eq!(read("Odometry 1 y 3").unwrap_err().field, "odometry y");
+        let Ok(Content::Scan(scan)) = read("Laser 2 0.5 8.183") else { panic!() };
+        assert_eq!(scan.odometry_from_robot, None, "not that of the line before the damaged one");
     }
 }

@@ -1,6 +1,7 @@
 //! What can be wrong with a log, said so that a person can find and mend it.
 
-use crate::text_input::{FieldFault, LineFault};
+use super::DamagedLine;
+use crate::text_input::LineFault;
 
 /// Why a log cannot be read, or not further.
 #[derive(Debug, thiserror::Error)]
@@ -50,26 +51,14 @@ pub enum LogError {
         /// Lines read.
         lines: u64,
     },
-    /// A field is missing or not what it should be.
-    #[error("{file}: line {line}: {source}")]
-    Field {
+    /// A log none of whose scans can be read.
+    #[error("{file}: no scan can be read: {damaged} damaged lines, the first: {first}")]
+    AllDamaged {
         /// Name of the file, as given.
         file: String,
-        /// From 1.
-        line: u64,
+        /// Lines that are damaged.
+        damaged: u64,
         /// Which field, what was expected, what stands there.
-        source: FieldFault,
-    },
-    /// Another number of beams than the first scan's.
-    #[error("{file}: line {line}: the scan has {found} beams, expected {expected} as in the scans before")]
-    BeamCountChanged {
-        /// Name of the file, as given.
-        file: String,
-        /// From 1.
-        line: u64,
-        /// Beams of the first scan.
-        expected: usize,
-        /// Beams of this one.
-        found: usize,
+        first: DamagedLine,
     },
 }

@@ -1,14 +1,18 @@
-//! Recorded laser logs: CARMEN, DP-SLAM and tinySLAM, plain or gzip, scan by scan in bounded memory.
+//! Recorded laser logs: CARMEN, DP-SLAM and tinySLAM, plain or gzip, scan by scan: only their times are kept.
 //!
 //! Data flow: file → lines → the format's reader → raw scan → [`LogScan`]: beams that hit, missed or are invalid, the
 //! robot's odometry and the laser's mounting. The format is known from the content, never from the name. The first
 //! [`LOOK_AHEAD`] scans are read before the first is handed out, to find the maximum range and the mounting.
 //!
 //! Scans come in file order under their own times. Times running backwards are normal in real logs, and counted; so are
-//! lines of unknown kinds. A last line cut short ends the log with a flag, not an error. Anything else that is wrong is
-//! a [`LogError`] that ends the log after the scans before it.
+//! lines of unknown kinds. A damaged line is passed over: [`LogCounts`] counts it and names its field. A last line cut
+//! short ends the log with a flag, not an error. What keeps the rest of the log from being read is a [`LogError`] that
+//! ends it after the scans before.
+//!
+//! The number of beams may change from scan to scan where the line gives its angles, or the number is a known device's.
 
 mod carmen;
+mod counts;
 mod dpslam;
 mod error;
 mod mounting;
@@ -16,7 +20,7 @@ mod range_limit;
 mod raw;
 mod tinyslam;
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 use std::io::Read;
 use std::path::Path;
 
@@ -25,12 +29,13 @@ use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::time::{Duration, Instant};
 use serde::Serialize;
 
+pub use counts::{DamagedLine, LogCounts};
 pub use error::LogError;
 
 use self::mounting::Mounting;
 use self::range_limit::{RangeLimit, TOLERANCE_M};
 use self::raw::{Bearings, Content, LineReader, RawScan};
-use crate::text_input::{ByteCount, Line, LineFault, Lines, Words};
+use crate::text_input::{ByteCount, FieldFault, LINE_BYTES_MAX, Line, LineFault, Lines, Words, fault};
 
 /// Scans read before the first is handed out.
 pub const LOOK_AHEAD: usize = 32;
@@ -82,23 +87,6 @@ impl LogScan {
     }
 }
 
-/// What was met on the way.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
-pub struct LogCounts {
-    /// Scans handed out.
-    pub scans: u64,
-    /// Lines of unknown kinds, passed over.
-    pub skipped_lines: u64,
-    /// Scans whose time lies before that of the scan before.
-    pub backward_times: u64,
-    /// Scans whose laser and robot poses contradict the mounting.
-    pub mounting_contradictions: u64,
-    /// The last line was cut short and is ignored.
-    pub cut_last_line: bool,
-    /// The log has no times: stamps are made up at a fixed rate.
-    pub synthetic_times: bool,
-}
-
 /// The formats told apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum LogFormat {
@@ -147,6 +135,7 @@ pub struct LogReader {
     scans_read: u64,
     content_lines: u64,
     last_stamp: Option<Instant>,
+    stamps: HashSet<Instant>,
     counts: LogCounts,
 }
 
@@ -186,6 +175,7 @@ impl LogReader {
             scans_read: 0,
             content_lines: 0,
             last_stamp: None,
+            stamps: HashSet::new(),
             counts: LogCounts::default(),
         };
         while reader.ahead.len() < LOOK_AHEAD && !reader.ended {
@@ -207,7 +197,7 @@ impl LogReader {
 
     /// What was met so far.
     pub fn counts(&self) -> LogCounts {
-        self.counts
+        self.counts.clone()
     }
 
     /// Size of the file, bytes; 0 if it is not a file.
@@ -220,6 +210,15 @@ impl LogReader {
         self.lines.bytes_read()
     }
 
+    /// SHA-256 of the whole file, hexadecimal; of no file, or of one that cannot be read, of the bytes so far.
+    pub fn sha256(&mut self) -> String {
+        if self.size_bytes > 0 {
+            // A file that cannot be read further was reported when its lines could not.
+            let _ = self.lines.read_rest();
+        }
+        self.lines.sha256()
+    }
+
     /// Ranges from here on are misses, m, as far as the log has shown.
     pub fn range_max_m(&self) -> f32 {
         self.range_limit.range_max_m()
@@ -227,7 +226,9 @@ impl LogReader {
 
     fn no_scan(&self) -> LogError {
         let (file, lines) = (self.file.clone(), self.lines.line_number());
-        if self.format.is_some() {
+        if let Some(first) = self.counts.damaged.first().cloned() {
+            LogError::AllDamaged { file, damaged: self.counts.damaged_lines, first }
+        } else if self.format.is_some() {
             LogError::NoScan { file, lines }
         } else if self.content_lines == 0 && !self.counts.cut_last_line {
             LogError::Empty { file }
@@ -238,8 +239,11 @@ impl LogReader {
 
     /// The next scan as it stands in the log; `None` at its end. An error is the last thing handed out.
     fn read_scan(&mut self) -> Result<Option<RawScan>, LogError> {
-        let scan = self.next_raw().and_then(|raw| raw.map(|scan| self.admit(scan)).transpose());
+        let scan = self.next_raw();
         self.ended = !matches!(scan, Ok(Some(_)));
+        if let Ok(Some(scan)) = &scan {
+            self.learn(scan);
+        }
         scan
     }
 
@@ -248,13 +252,17 @@ impl LogReader {
             let line = match self.lines.next_line() {
                 Ok(Some(line)) => line,
                 Ok(None) => return Ok(None),
+                Err(LineFault::TooLong) if self.format.is_some() => {
+                    self.skip_long_line()?;
+                    continue;
+                }
                 Err(source) => return Err(self.read_error(source)),
             };
             if line.text.is_empty() || line.text.starts_with('#') {
                 continue;
             }
             self.content_lines += 1;
-            match read_line(&mut self.format, &line) {
+            match read_line(&mut self.format, &line, self.beam_count) {
                 Ok(Content::Scan(scan)) => return Ok(Some(*scan)),
                 Ok(Content::Other) => {}
                 Ok(Content::Unknown) => self.counts.skipped_lines += 1,
@@ -262,12 +270,18 @@ impl LogReader {
                     self.counts.cut_last_line = true;
                     return Ok(None);
                 }
-                Err(source) => return Err(LogError::Field { file: self.file.clone(), line: line.number, source }),
+                Err(fault) => self.counts.add_damaged(line.number, fault),
             }
             if self.format.is_none() && self.content_lines >= LINES_BEFORE_GIVING_UP {
                 return Err(LogError::NotALog { file: self.file.clone(), lines: self.lines.line_number() });
             }
         }
+    }
+
+    fn skip_long_line(&mut self) -> Result<(), LogError> {
+        let expected = format!("at most {LINE_BYTES_MAX} bytes");
+        self.counts.add_damaged(self.lines.line_number(), fault("line".to_owned(), &expected, Some("more")));
+        self.lines.skip_line().map_err(|source| self.read_error(source))
     }
 
     fn read_error(&self, source: LineFault) -> LogError {
@@ -278,17 +292,12 @@ impl LogReader {
         }
     }
 
-    /// Checks a scan against those before and learns from it.
-    fn admit(&mut self, scan: RawScan) -> Result<RawScan, LogError> {
-        let found = scan.ranges_m.len();
-        let expected = *self.beam_count.get_or_insert(found);
-        if found != expected {
-            return Err(LogError::BeamCountChanged { file: self.file.clone(), line: scan.line, expected, found });
-        }
+    /// What a scan tells about the log as a whole.
+    fn learn(&mut self, scan: &RawScan) {
+        self.beam_count.get_or_insert(scan.ranges_m.len());
         self.scans_read += 1;
-        self.range_limit.observe(&scan.ranges_m, self.bearings(&scan).step_rad, scan.range_max_m);
-        self.mounting.observe(&scan);
-        Ok(scan)
+        self.range_limit.observe(&scan.ranges_m, self.bearings(scan).step_rad, scan.range_max_m);
+        self.mounting.observe(scan);
     }
 
     fn bearings(&self, scan: &RawScan) -> Bearings {
@@ -303,6 +312,7 @@ impl LogReader {
         self.counts.mounting_contradictions += u64::from(self.mounting.contradicted_by(scan));
         let stamp = self.stamp(scan);
         self.counts.backward_times += u64::from(self.last_stamp.is_some_and(|last| stamp < last));
+        self.counts.repeated_times += u64::from(!self.stamps.insert(stamp));
         self.last_stamp = Some(stamp);
         self.counts.scans += 1;
         LogScan {
@@ -340,17 +350,32 @@ fn echo(range_m: f32, range_max_m: f32) -> Echo {
 }
 
 /// Lets the format's reader have the line; before the format is known, this line may tell it.
+///
+/// * `beam_count` — of the first scan
 fn read_line(
     format: &mut Option<(LogFormat, Box<dyn LineReader>)>,
     line: &Line<'_>,
-) -> Result<Content, crate::text_input::FieldFault> {
+    beam_count: Option<usize>,
+) -> Result<Content, FieldFault> {
     if format.is_none() {
         *format = LogFormat::of_line(&line.text).map(|format| (format, format.reader()));
     }
-    match format {
-        Some((_, reader)) => reader.read(line),
-        None => Ok(Content::Unknown),
+    let Some((_, reader)) = format else { return Ok(Content::Unknown) };
+    let content = reader.read(line)?;
+    if let Content::Scan(scan) = &content {
+        check_beam_count(scan, beam_count)?;
     }
+    Ok(content)
+}
+
+/// Another number of beams than the first scan's is believed only if it is known where they point.
+fn check_beam_count(scan: &RawScan, first: Option<usize>) -> Result<(), FieldFault> {
+    let found = scan.ranges_m.len();
+    let expected = first.filter(|&first| first != found && scan.bearings.is_none() && !Bearings::is_usual(found));
+    expected.map_or(Ok(()), |first| {
+        let expected = format!("{first} as in the first scan, or angles in the line");
+        Err(fault("number of beams".to_owned(), &expected, Some(&found.to_string())))
+    })
 }
 
 impl Iterator for LogReader {

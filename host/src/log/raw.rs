@@ -33,6 +33,11 @@ impl Bearings {
         }
     }
 
+    /// True if [`usual`](Self::usual) knows a device by this number of beams.
+    pub fn is_usual(beams: usize) -> bool {
+        matches!(beams, 101 | 180 | 181 | 360 | 361 | 401 | 541 | 682 | 720 | 721 | 1081)
+    }
+
     /// `beams` beams over `field_of_view_rad`, from its right edge; an even count lacks the beam on its left edge.
     pub fn over(field_of_view_rad: f32, beams: usize) -> Self {
         let steps = if beams.is_multiple_of(2) { beams } else { beams - 1 }.max(1);

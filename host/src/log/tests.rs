@@ -75,20 +75,50 @@ fn cut_last_line_is_flagged_and_no_error() {
 }
 
 #[test]
-fn wrong_field_keeps_the_scans_before_it() {
-    let log = format!("{}{}FLASER 2 1 x 0 0 0 0 0 0 1 h 1\n", flaser("1 2", 0.0, 1.0), flaser("3 4", 0.0, 2.0));
-    let (scans, fault, _) = read(log.as_bytes());
-    assert_eq!(scans.len(), 2);
-    let text = fault.unwrap().to_string();
-    assert_eq!(text, "a.log: line 3: field range 2 of 2: expected a number (m), found \"x\"");
+fn damaged_lines_are_left_out_and_named() {
+    let whole = flaser("1 2", 0.0, 1.0);
+    let wrong =
+        ["FLASER 2 1 x 0 0 0 0 0 0 1 h 1\n", "FLASER 2 1 0 0 0 0 0 0 1\n", "FLASER 2 1 2 0 0 0 0 0 0 inf h 1\n"];
+    let long = format!("{}\n", "FLASER ".repeat(300_000));
+    let log = [&whole, wrong[0], wrong[1], &whole, wrong[2], &long, &whole].concat();
+    let (scans, fault, counts) = read(log.as_bytes());
+    assert!(fault.is_none(), "{fault:?}");
+    assert_eq!(scans.iter().map(|scan| scan.line).collect::<Vec<_>>(), [1, 4, 7]);
+    let named: Vec<String> = counts.damaged.iter().map(DamagedLine::to_string).collect();
+    assert_eq!(named[0], "line 2: field range 2 of 2: expected a number (m), found \"x\"");
+    assert!(named[1].starts_with("line 3: field 5 and on: expected 7 to 9 fields"), "{named:?}");
+    assert_eq!(named[2], "line 5: field time: expected a finite number, found \"inf\"");
+    assert_eq!(named[3], "line 6: field line: expected at most 1048576 bytes, found \"more\"");
+    assert_eq!((counts.damaged_lines, named.len(), counts.is_badly_damaged()), (4, 4, true));
 }
 
 #[test]
-fn changed_beam_count_names_line_and_counts() {
-    let log = format!("{}{}", flaser("1 2", 0.0, 1.0), flaser("3 4 5", 0.0, 2.0));
-    let (scans, fault, _) = read(log.as_bytes());
-    assert_eq!(scans.len(), 1);
-    assert!(fault.unwrap().to_string().contains("line 2: the scan has 3 beams, expected 2"));
+fn beams_may_change_where_it_is_known_where_they_point() {
+    let line = |beams: usize, time: f64| flaser(&vec!["2"; beams].join(" "), 0.0, time);
+    let log = [line(180, 1.0), line(181, 2.0), line(3, 3.0), line(180, 4.0), line(361, 5.0)].concat();
+    let (scans, fault, counts) = read(log.as_bytes());
+    assert!(fault.is_none());
+    assert_eq!(scans.iter().map(|scan| scan.beams.len()).collect::<Vec<_>>(), [180, 181, 180, 361]);
+    let ends =
+        |scan: &LogScan| [scan.beams[0], *scan.beams.last().unwrap()].map(|beam| beam.bearing_rad.to_degrees().round());
+    assert_eq!([&scans[0], &scans[1], &scans[3]].map(ends), [[-90.0, 89.0], [-90.0, 90.0], [-90.0, 90.0]]);
+    let expected =
+        "line 3: field number of beams: expected 180 as in the first scan, or angles in the line, found \"3\"";
+    assert_eq!((counts.damaged_lines, counts.damaged[0].to_string().as_str()), (1, expected));
+}
+
+#[test]
+fn angles_in_the_line_count_for_its_scan_alone() {
+    let line = |first: f64, ranges: &str| {
+        let count = ranges.split(' ').count();
+        format!("ROBOTLASER1 0 {first} 1.5 0.5e-1 80 0.01 0 {count} {ranges} 0 0 0 0 0 0 0 0 0 0 0 0 12.5 host 12.5\n")
+    };
+    let log = [line(-1.0, "1 2 3"), line(-0.9, "1 2"), line(-0.8, "1 2 3 4")].concat();
+    let (scans, fault, counts) = read(log.as_bytes());
+    assert!(fault.is_none() && counts.damaged_lines == 0, "{counts:?}");
+    let bearings: Vec<Vec<f32>> =
+        scans.iter().map(|scan| scan.beams.iter().map(|beam| (beam.bearing_rad * 100.0).round()).collect()).collect();
+    assert_eq!(bearings, [vec![-100.0, -95.0, -90.0], vec![-90.0, -85.0], vec![-80.0, -75.0, -70.0, -65.0]]);
 }
 
 #[test]
@@ -101,7 +131,8 @@ fn what_is_no_log_is_said_to_be_none() {
     assert!(matches!(error("x y\n".repeat(5000).as_bytes()), LogError::NotALog { lines: 1000, .. }));
     assert!(matches!(error(&vec![b'7'; 3 << 20]), LogError::NotALog { .. }));
     assert!(matches!(error(b"PARAM a b\nODOM 1 2 3\n"), LogError::NoScan { lines: 2, .. }));
-    assert!(matches!(error(b"FLASER 2 1\nFLASER"), LogError::Field { line: 1, .. }));
+    let damaged = error(b"FLASER 2 1\nFLASER 1\nFLASER");
+    assert!(matches!(&damaged, LogError::AllDamaged { damaged: 2, first, .. } if first.line == 1), "{damaged}");
 }
 
 #[test]
