@@ -13,6 +13,7 @@
 
 pub(crate) mod closing;
 pub(crate) mod correlation;
+mod normal_equations;
 mod particles;
 mod placing;
 mod pose_graph;

@@ -2,17 +2,16 @@
 //! the nodes are most likely.
 //!
 //! Minimised is Σ eᵀ Ω e over the edges, e the error of an edge's displacement, by Gauss–Newton steps on sparse normal
-//! equations (Cholesky factorisation of `nalgebra-sparse`). Closures have a robust kernel (Geman–McClure) that is
+//! equations. Closures have a robust kernel (Geman–McClure) that is
 //! made strict step by step, so that a right closure is believed although it is far off at first, and a wrong one is not
 //! although it comes first (graduated non-convexity: Yang, Antonante, Tzoumas & Carlone, RA-L 2020). Node 0 stays.
 //!
-//! Why not a factor-graph crate: `factrs` 0.3 brings 112 crates, `nalgebra-sparse` 25, most of which are here anyway; three unknowns
+//! Why not a crate: `factrs` 0.3 brings 112 crates, and `nalgebra-sparse` a quarter of the time to build the program; three unknowns
 //! a node and one kind of edge need little else.
 
-use nalgebra::{DMatrix, Matrix3, Vector3};
-use nalgebra_sparse::factorization::CscCholesky;
-use nalgebra_sparse::{CooMatrix, CscMatrix};
+use nalgebra::{Matrix3, Vector3};
 
+use super::normal_equations::NormalEquations;
 use crate::pose_f64::{PoseF64, wrap};
 
 /// Gauss–Newton steps at most.
@@ -107,7 +106,7 @@ impl PoseGraph {
         for _ in 0..STEPS_MAX {
             let Some(step) = self.step(scale) else { break };
             let largest = step.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
-            for (node, change) in self.nodes.iter_mut().zip(step.as_slice().chunks_exact(3)) {
+            for (node, change) in self.nodes.iter_mut().zip(step.chunks_exact(3)) {
                 *node = PoseF64::new(node.x + change[0], node.y + change[1], wrap(node.heading + change[2]));
             }
             if scale <= CHI2_DOUBTED && largest < STEP_MIN {
@@ -131,11 +130,9 @@ impl PoseGraph {
     }
 
     /// Solution of the normal equations, three numbers a node; `None` if they are singular.
-    fn step(&self, scale: f64) -> Option<DMatrix<f64>> {
-        let size = 3 * self.nodes.len();
-        let mut matrix = CooMatrix::new(size, size);
-        let mut right = DMatrix::zeros(size, 1);
-        push_block(&mut matrix, 0, 0, &Matrix3::from_diagonal_element(1e12));
+    fn step(&self, scale: f64) -> Option<Vec<f64>> {
+        let mut equations = NormalEquations::new(self.nodes.len());
+        equations.add_block(0, 0, &Matrix3::from_diagonal_element(1e12));
         for edge in &self.edges {
             let weight = if edge.is_closure { (scale / (scale + edge.chi2(&self.nodes))).powi(2) } else { 1.0 };
             let information = edge.information * weight;
@@ -143,22 +140,11 @@ impl PoseGraph {
             let ends = [(edge.from, by_from), (edge.to, by_to)];
             for (row, by_row) in &ends {
                 let weighted = by_row.transpose() * information;
-                let mut part = right.fixed_view_mut::<3, 1>(3 * row, 0);
-                part -= weighted * error;
-                ends.iter()
-                    .for_each(|(column, by_column)| push_block(&mut matrix, *row, *column, &(weighted * by_column)));
+                equations.subtract_right(*row, &(weighted * error));
+                ends.iter().for_each(|(column, by_column)| equations.add_block(*row, *column, &(weighted * by_column)));
             }
         }
-        let factor = CscCholesky::factor(&CscMatrix::from(&matrix)).ok()?;
-        Some(factor.solve(&right)).filter(|step| step.iter().all(|value| value.is_finite()))
-    }
-}
-
-fn push_block(matrix: &mut CooMatrix<f64>, row: usize, column: usize, block: &Matrix3<f64>) {
-    for i in 0..3 {
-        for j in 0..3 {
-            matrix.push(3 * row + i, 3 * column + j, block[(i, j)]);
-        }
+        equations.solve()
     }
 }
 
