@@ -1,11 +1,9 @@
 //! `lrfslam experiment`: the sweeps of chapter 5 on the example log, and wrong input.
 
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::run;
+use crate::common::run;
 
 fn example(name: &str) -> String {
     let path: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples").join(name);
