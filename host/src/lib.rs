@@ -11,6 +11,7 @@ pub mod cloud;
 pub mod config;
 pub mod driver;
 pub mod evaluation;
+#[cfg(feature = "experiments")]
 pub mod experiment;
 pub mod genealogy;
 pub mod high_slam;

@@ -1,6 +1,10 @@
 //! The command `lrfslam`.
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "demo")]
+mod demo;
+#[cfg(not(feature = "demo"))]
+#[path = "no_demo.rs"]
 mod demo;
 
 use std::process::ExitCode;

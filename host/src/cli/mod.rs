@@ -10,8 +10,14 @@ mod config;
 mod continuing;
 pub mod demo;
 mod eval;
+#[cfg(feature = "experiments")]
 mod experiment;
+#[cfg(not(feature = "experiments"))]
+#[path = "no_experiment.rs"]
+mod experiment;
+#[cfg(feature = "experiments")]
 mod experiment_starts;
+#[cfg(feature = "experiments")]
 mod experiment_sweep;
 mod laser;
 mod live_scans;
@@ -90,6 +96,13 @@ impl Failure {
     pub fn work(error: impl Into<anyhow::Error>) -> Self {
         Self::Work(error.into())
     }
+}
+
+/// A command that was left out of this build, and how to get it.
+pub fn not_built_in(what: &str, feature: &str) -> Failure {
+    Failure::Start(anyhow::anyhow!(
+        "this build has no {what}: build it with the feature, as by `cargo install --path host --features {feature}`"
+    ))
 }
 
 /// What `lrfslam demo` does, and then has to tell; the program brings it along, because it sees the simulator too.

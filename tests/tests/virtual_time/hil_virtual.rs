@@ -1,6 +1,6 @@
 //! Hardware in the loop on a virtual clock: each model, each fault, whatever the state it is found in.
 //!
-//! The long run, 100000 scans a model and fault rate: `cargo test --release -p lrfslam-tests --test hil_virtual -- --ignored --nocapture`
+//! The long run, 100000 scans a model and fault rate: `cargo test --release -p lrfslam-tests --test virtual_time hil_virtual -- --ignored --nocapture`
 
 use lrfslam_core::lrf::driver::{BaudPolicy, LrfDriver};
 use lrfslam_core::lrf::hokuyo_scip::{self, HokuyoConfig, HokuyoDriver};

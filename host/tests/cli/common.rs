@@ -1,5 +1,5 @@
 //! What the tests of the program share: the program itself, and the real logs where they are.
-#![allow(dead_code, reason = "not every test file uses all of it")]
+#![allow(dead_code, reason = "not every binary uses all of it")]
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -65,6 +65,7 @@ fn without_closures_the_loop_stays_open() {
 }
 
 #[test]
+#[ignore = "heavy: run by .ci/run"]
 fn particles_at_the_high_level_do_not_depend_on_threads() {
     let (scans, truth) = drive();
     let mut config = RunConfig::default();

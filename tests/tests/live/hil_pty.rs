@@ -1,6 +1,6 @@
 //! Hardware in the loop over real pseudo-terminals at real rates: simulator and driver each on its own clock.
 //!
-//! A few seconds; five minutes: `cargo test --release -p lrfslam-tests --test hil_pty -- --ignored --nocapture`
+//! A few seconds; five minutes: `cargo test --release -p lrfslam-tests --test live hil_pty -- --ignored --nocapture`
 
 use std::collections::VecDeque;
 use std::ops::ControlFlow;

@@ -1,5 +1,5 @@
 //! What a driver costs in memory, on this machine (pointers of 8 bytes; a microcontroller's are 4): its own size, which is
-//! static, and what it borrows. `cargo test -p lrfslam-tests --test memory -- --nocapture`
+//! static, and what it borrows. `cargo test -p lrfslam-tests --test virtual_time memory -- --nocapture`
 
 use std::mem::size_of;
 

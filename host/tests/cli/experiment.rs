@@ -1,11 +1,9 @@
 //! `lrfslam experiment`: the sweeps of chapter 5 on the example log, and wrong input.
 
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::run;
+use crate::common::run;
 
 fn example(name: &str) -> String {
     let path: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples").join(name);
@@ -50,6 +48,7 @@ fn more_generations_are_more_precise_and_newton_steps_need_few() {
 }
 
 #[test]
+#[ignore = "heavy: run by .ci/run"]
 fn noise_makes_the_estimate_worse_and_the_model_wider() {
     let folder = tempfile::tempdir().unwrap();
     let (report, table) = experiment(folder.path(), "lrf-noise", &[]);
@@ -89,6 +88,7 @@ fn same_input_same_bytes_and_wrong_input_is_named() {
 }
 
 #[test]
+#[ignore = "heavy: run by .ci/run"]
 fn the_loop_of_the_example_floor_closes_with_each_number_of_levels() {
     let folder = tempfile::tempdir().unwrap();
     let (log, truth) = (example("floor.log.gz"), example("floor.tum.gz"));

@@ -1,10 +1,8 @@
 //! The readers over real logs: every scan, every beam, and the known oddities of each. Skipped where the logs are not.
 
-mod common;
-
 use std::fs;
 
-use common::{real_data, run};
+use crate::common::{real_data, run};
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::Echo;
 use lrfslam_core::time::Duration;

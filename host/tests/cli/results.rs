@@ -1,10 +1,8 @@
 //! What the commands leave behind when all goes well.
 
-mod common;
-
 use std::fs;
 
-use common::{flaser, run};
+use crate::common::{flaser, run};
 
 #[test]
 fn map_writes_all_its_results() {

@@ -1,8 +1,6 @@
 //! `lrfslam attach` to the robot's program as a process would run it, with a simulated laser on a pseudo-terminal: three parties on their
 //! own clocks.
 
-mod common;
-
 use std::fs;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -11,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
-use common::{lrfslam, run};
+use crate::common::{lrfslam, run};
 use lrfslam_core::robot::StandardPools;
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::pty;

@@ -1,12 +1,10 @@
 //! `lrfslam cloud`: a simulated room along a log, real stops of a tilted SICK, and wrong input.
 
-mod common;
-
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use common::{real_data, run};
+use crate::common::{real_data, run};
 
 /// The room's walls, floor and ceiling, m.
 const ROOM: [[f64; 2]; 3] = [[-3.0, 3.5], [-2.0, 2.0], [0.0, 2.5]];

@@ -15,7 +15,7 @@ use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::trajectory::read_trajectory;
 use nalgebra::{Isometry3, Point3};
 
-const WORLD: &str = include_str!("../../examples/tilting.toml");
+const WORLD: &str = include_str!("../../../examples/tilting.toml");
 
 /// The first stop of the drive as files: level log, truth, tilted log, encoder, surfaces.
 fn write_stop(folder: &Path, lrf: LrfModel) -> Scenario {

@@ -86,7 +86,7 @@ fn tree_agrees_with_brute_force() {
     assert!(hits > 20_000, "{hits}");
 }
 
-/// `cargo test --release -p lrfslam-firmware-sim --test raycast -- --ignored`
+/// `cargo test --release -p lrfslam-firmware-sim --test simulator raycast -- --ignored`
 #[test]
 #[ignore = "a million rays take a while"]
 fn tree_agrees_with_brute_force_on_a_million_rays() {

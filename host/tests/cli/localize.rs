@@ -1,12 +1,10 @@
 //! Localisation in a saved map, from the command line: a simulated floor, its second half in the map of all of it, and wrong maps.
 
-mod common;
-
 use std::fs;
 use std::io::{Read as _, Write as _};
 use std::path::Path;
 
-use common::run;
+use crate::common::run;
 
 /// A position as near as this is right: the same distance that the stated certainty is about. The map's own path is off by up to 0.15 m.
 const RIGHT_M: f64 = 0.25;

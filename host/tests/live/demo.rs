@@ -1,8 +1,6 @@
 //! `lrfslam demo`: both sides live over a pseudo-terminal, in a small room so that it takes a few seconds.
 
-mod common;
-
-use common::run;
+use crate::common::run;
 
 const WORLD: &str = "
 [[room]]

@@ -1,14 +1,12 @@
 //! Bad input of every kind: one clear message, exit code 2 (wrong from the start) or 1 (on the way), never a panic;
 //! what was earned before a fault is written and said to be partial.
 
-mod common;
-
 use std::fs;
 use std::io::Write;
 use std::path::Path;
 use std::process::Stdio;
 
-use common::{flaser, lrfslam, run};
+use crate::common::{flaser, lrfslam, run};
 use flate2::{Compression, write::GzEncoder};
 
 fn folder() -> tempfile::TempDir {

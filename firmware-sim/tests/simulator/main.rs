@@ -1,0 +1,4 @@
+//! The simulator: its rays, and its program.
+
+mod log_command;
+mod raycast;

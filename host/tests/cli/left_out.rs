@@ -1,0 +1,21 @@
+//! Commands that a build may be without.
+
+use crate::common::run;
+
+#[test]
+fn what_is_not_built_in_says_how_to_get_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let commands = [
+        ("demo", "demo", ["demo", "--world", "castle"], cfg!(feature = "demo")),
+        ("experiment", "experiments", ["experiment", "growth", "castle"], cfg!(feature = "experiments")),
+    ];
+    for (command, feature, arguments, is_built_in) in commands {
+        let (_, help, _) = run(folder.path(), &["--help"]);
+        assert!(help.contains(&format!("\n  {command} ")), "{help}");
+        let (code, stdout, stderr) = run(folder.path(), &arguments);
+        assert!(code == 2 && stdout.is_empty() && stderr.lines().count() == 1, "{stderr}");
+        let how = format!("cargo install --path host --features {feature}");
+        let wanted = if is_built_in { "castle: cannot be read" } else { &how };
+        assert!(stderr.contains(wanted), "{stderr}");
+    }
+}

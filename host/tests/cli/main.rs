@@ -1,0 +1,12 @@
+//! The program as its user sees it: what goes in, what comes out, and what is said about wrong input. One binary for all, linked once.
+
+mod bad_input;
+mod cloud;
+mod common;
+#[cfg(feature = "experiments")]
+mod experiment;
+mod keeps;
+mod left_out;
+mod localize;
+mod real_logs;
+mod results;

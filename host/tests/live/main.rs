@@ -1,0 +1,7 @@
+//! The program with a simulated laser, on the clock of the wall: apart from all that keeps the cores busy.
+
+mod attach;
+#[path = "../cli/common.rs"]
+mod common;
+#[cfg(feature = "demo")]
+mod demo;
