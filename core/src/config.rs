@@ -2,7 +2,7 @@
 //!
 //! [`config!`](crate::config!) declares a section as a plain `Copy` struct with `Default`, serde (unknown keys refused), a
 //! [`validate`](Section::validate) that is called once at the rim, and a listing of its fields, documentation
-//! included, from which the host prints a commented file.
+//! included, from which the host prints a commented file, and a [fingerprint](Layout) of its names and types.
 
 use core::fmt::{self, Write};
 
@@ -57,6 +57,36 @@ pub trait Section {
     }
 }
 
+/// A type whose place in bytes has a fingerprint: two programs read one another's bytes if it is the same in both.
+///
+/// It covers names and types in their order, and the variants of choices; not values, bounds and documentation.
+pub trait Layout {
+    /// See the trait.
+    const LAYOUT: u32;
+}
+
+/// The fingerprint of nothing.
+pub const NO_LAYOUT: u32 = 0x811C_9DC5;
+const FNV_PRIME: u32 = 0x0100_0193;
+
+/// The fingerprint of what has `layout`, and behind it a part called `name`.
+///
+/// FNV-1a, 32 bits (Fowler, Noll, Vo), of the name and of a zero byte; at compile time, so that it costs no flash.
+pub const fn layout_with(layout: u32, name: &str) -> u32 {
+    let (mut hash, mut rest) = (layout, name.as_bytes());
+    while let [byte, after @ ..] = rest {
+        hash = (hash ^ *byte as u32).wrapping_mul(FNV_PRIME);
+        rest = after;
+    }
+    hash.wrapping_mul(FNV_PRIME)
+}
+
+/// The same for a part called `name` that has a layout of its own.
+pub const fn layout_with_part(layout: u32, name: &str, part: u32) -> u32 {
+    let hash = layout_with(layout, name);
+    (hash ^ part).wrapping_mul(FNV_PRIME)
+}
+
 /// A type that a field may have.
 pub trait ConfigValue {
     /// Writes the value as TOML has it.
@@ -77,6 +107,10 @@ macro_rules! numbers {
             fn write_toml(&self, out: &mut dyn Write) -> fmt::Result {
                 write!(out, "{self:?}")
             }
+        }
+
+        impl Layout for $number {
+            const LAYOUT: u32 = layout_with(NO_LAYOUT, stringify!($number));
         }
     )*};
 }
@@ -121,6 +155,17 @@ macro_rules! config {
             fn default() -> Self {
                 Self { $( $field: $default, )* }
             }
+        }
+
+        impl $crate::config::Layout for $name {
+            const LAYOUT: u32 = {
+                let layout = $crate::config::NO_LAYOUT;
+                $(
+                    let part = <$type as $crate::config::Layout>::LAYOUT;
+                    let layout = $crate::config::layout_with_part(layout, stringify!($field), part);
+                )*
+                layout
+            };
         }
 
         impl $crate::config::Section for $name {
@@ -178,6 +223,14 @@ macro_rules! config_choice {
                 $choices
             }
         }
+
+        impl $crate::config::Layout for $name {
+            const LAYOUT: u32 = {
+                let layout = $crate::config::NO_LAYOUT;
+                $( let layout = $crate::config::layout_with(layout, $text); )*
+                layout
+            };
+        }
     };
 }
 
@@ -220,6 +273,46 @@ mod tests {
             text,
             "count = 100 # 4 to 512\nlength_m = 0.3 # 0.01 to 10.0\ncolour = \"red\" # \"red\" or \"blue\"\n"
         );
+    }
+
+    /// The same fields in other words.
+    mod other {
+        macro_rules! variant {
+            ($module:ident: $first:ident: $type:ty = $default:expr, $second:ident) => {
+                pub mod $module {
+                    crate::config! {
+                        /// Other words.
+                        pub struct Example {
+                            /// Other words.
+                            $first: $type = $default;
+                            /// Other words.
+                            $second: f32 = 0.5, in 0.2..=1.0;
+                            /// Other words.
+                            colour: super::super::Colour = super::super::Colour::Blue;
+                        }
+                    }
+                }
+            };
+        }
+        variant!(same: count: u16 = 7, length_m);
+        variant!(renamed: number: u16 = 100, length_m);
+        variant!(wider: count: u32 = 100, length_m);
+        variant!(swapped: length_m: u16 = 100, count);
+    }
+
+    #[test]
+    fn layout_is_names_types_and_order_and_nothing_else() {
+        let layout = Example::LAYOUT;
+        assert_eq!(layout, other::same::Example::LAYOUT);
+        let others = [
+            other::renamed::Example::LAYOUT,
+            other::wider::Example::LAYOUT,
+            other::swapped::Example::LAYOUT,
+            NO_LAYOUT,
+        ];
+        assert!(!others.contains(&layout), "{layout:x} {others:x?}");
+        // The offset basis, and FNV's own test vector "foobar" (BF9CF968) before the zero byte.
+        assert_eq!((layout_with(NO_LAYOUT, "foobar"), layout_with(NO_LAYOUT, "")), (0x0C1C_9EB8, 0x050C_5D1F));
     }
 
     #[test]

@@ -46,6 +46,17 @@ crate::config! {
     }
 }
 
+impl OdometryConfig {
+    /// Key scans that are removed again, for which there must be memory.
+    pub fn key_scans(&self) -> usize {
+        match self.reference {
+            Reference::WholeMap => 0,
+            Reference::PreviousScan => 1,
+            Reference::RecentScans => usize::from(self.recent_scans),
+        }
+    }
+}
+
 /// The configuration of laser odometry with all its parts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LaserOdometryConfig {
@@ -310,12 +321,7 @@ impl<'m> LaserOdometry<'m> {
         self.map_from_key = map_from_robot;
         let Self { ndt, hits: points, key_points, key_scans, .. } = self;
         let points = points.get(..count).unwrap_or_default();
-        let kept = match self.config.odometry.reference {
-            Reference::WholeMap => 0,
-            Reference::PreviousScan => 1,
-            Reference::RecentScans => usize::from(self.config.odometry.recent_scans),
-        };
-        let slots = kept.min(key_scans.len());
+        let slots = self.config.odometry.key_scans().min(key_scans.len());
         if slots > 0 {
             let slot = self.key_count % slots;
             self.key_count += 1;

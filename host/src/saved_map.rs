@@ -22,7 +22,8 @@ use crate::scan_store::ScanStore;
 pub const FILE_NAME: &str = "map.lrfslam";
 
 const MAGIC: [u8; 8] = *b"LRFSLAM\x1a";
-const VERSION: u16 = 1;
+/// To be raised with every change of what is written, and with every key of the configuration that goes or is called otherwise.
+const VERSION: u16 = 2;
 const HEADER: usize = 8 + 2 + 8 + 4;
 /// More than this is no map of ours, bytes unpacked: four days of driving.
 const UNPACKED_MAX: u64 = 1 << 32;
@@ -63,8 +64,14 @@ pub enum SavedMapError {
     #[error("{0}: not a saved map of lrfslam: expected it to begin with the bytes \"LRFSLAM\"")]
     Magic(PathBuf),
     /// Another program wrote it.
-    #[error("{0}: saved map of version {1}, expected version {VERSION}; map the log again")]
+    #[error(
+        "{0}: saved map of version {1}, expected version {VERSION}: made by {age} lrfslam than this; map the log again",
+        age = if *.1 < VERSION { "an older" } else { "a newer" }
+    )]
     Version(PathBuf, u16),
+    /// Its configuration has keys or values that are not known here; the version of the program that made it, and which.
+    #[error("{0}: made by lrfslam {1}, whose configuration this program does not know: {2}; map the log again")]
+    Configuration(PathBuf, String, String),
     /// It ends early, or goes on.
     #[error("{0}: expected {1} bytes, found {2}: the file is cut or damaged")]
     Length(PathBuf, u64, u64),
@@ -90,14 +97,7 @@ impl SavedMap {
     pub fn write(&self, folder: &Path) -> anyhow::Result<()> {
         let config = toml::to_string(&self.config)?;
         let content = Content { program: self.program.clone(), config, path: &self.path, scans: &self.scans };
-        let mut packer = GzEncoder::new(vec![0; HEADER], Compression::default());
-        packer.write_all(&postcard::to_stdvec(&content)?)?;
-        let mut bytes = packer.finish()?;
-        let (header, packed) = bytes.split_at_mut(HEADER);
-        let (version, length, crc) = (VERSION, packed.len() as u64, CRC32.checksum(packed));
-        let parts = [&MAGIC[..], &version.to_le_bytes(), &length.to_le_bytes(), &crc.to_le_bytes()];
-        header.copy_from_slice(&parts.concat());
-        Ok(write_file(&folder.join(FILE_NAME), &bytes)?)
+        Ok(write_file(&folder.join(FILE_NAME), &pack(&postcard::to_stdvec(&content)?)?)?)
     }
 
     /// Reads the one in `folder`.
@@ -114,10 +114,10 @@ impl SavedMap {
         let content = unpack(packed_part(&file, &bytes)?).map_err(damaged)?;
         let content: Content<ScanStore, SavedPath> =
             postcard::from_bytes(&content).map_err(|error| damaged(error.to_string()))?;
-        let wrong = |error: toml::de::Error| damaged(format!("its configuration: {}", error.message()));
-        let config: RunConfig = toml::from_str(&content.config).map_err(wrong)?;
-        config.validate().map_err(|error| damaged(error.to_string()))?;
-        let Content { program, path, scans, .. } = content;
+        let Content { program, config, path, scans } = content;
+        let unknown = |why: String| SavedMapError::Configuration(file.clone(), program.clone(), why);
+        let config: RunConfig = toml::from_str(&config).map_err(|error| unknown(error.message().to_owned()))?;
+        config.validate().map_err(|error| unknown(error.to_string()))?;
         Ok(Self { program, config, path, scans })
     }
 
@@ -128,6 +128,18 @@ impl SavedMap {
     pub fn high_slam(&self, config: &RunConfig) -> Result<HighSlam<'static>, SavedPathError> {
         HighSlam::restored(&config.high_slam(), &self.path, self.scans.clone())
     }
+}
+
+/// The file with this content.
+fn pack(content: &[u8]) -> std::io::Result<Vec<u8>> {
+    let mut packer = GzEncoder::new(vec![0; HEADER], Compression::default());
+    packer.write_all(content)?;
+    let mut bytes = packer.finish()?;
+    let (header, packed) = bytes.split_at_mut(HEADER);
+    let (version, length, crc) = (VERSION, packed.len() as u64, CRC32.checksum(packed));
+    let parts = [&MAGIC[..], &version.to_le_bytes(), &length.to_le_bytes(), &crc.to_le_bytes()];
+    header.copy_from_slice(&parts.concat());
+    Ok(bytes)
 }
 
 /// What the header covers, if it is as the header says.
@@ -233,10 +245,90 @@ mod tests {
             bytes[index] ^= 4;
             bytes
         };
-        assert!(error(&flipped(8)).contains("saved map of version 5, expected version 1"));
+        let newer = error(&flipped(8));
+        let told = "saved map of version 6, expected version 2: made by a newer lrfslam than this; map the log again";
+        assert!(newer.ends_with(told), "{newer}");
+        let mut older = bytes.clone();
+        older[8] = 1;
+        let told = "saved map of version 1, expected version 2: made by an older lrfslam than this; map the log again";
+        assert!(error(&older).ends_with(told), "{}", error(&older));
         assert!(error(&flipped(bytes.len() / 2)).contains("the checksum is"));
         std::fs::remove_file(&file).unwrap();
         assert!(SavedMap::read(folder.path()).unwrap_err().to_string().contains("not there; expected a folder"));
+    }
+
+    /// The key that made older maps unreadable once, and a value that was right once.
+    #[test]
+    fn a_configuration_of_another_program_is_called_so_and_not_damaged() {
+        let map = saved();
+        let config = toml::to_string(&map.config).unwrap();
+        let (folder, file, _) = written();
+        for (config, what) in [
+            (config.replace("grids = 4", "overlapping = true"), "unknown field `overlapping`"),
+            (config.replace("grids = 4", "grids = 400"), "ndt.grids is 400, expected 1 to 4"),
+        ] {
+            let content = Content { program: "0.0.9".to_owned(), config, path: &map.path, scans: &map.scans };
+            std::fs::write(&file, pack(&postcard::to_stdvec(&content).unwrap()).unwrap()).unwrap();
+            let error = SavedMap::read(folder.path()).unwrap_err().to_string();
+            let told = "made by lrfslam 0.0.9, whose configuration this program does not know: ";
+            assert!(error.contains(told) && error.contains(what) && error.ends_with("; map the log again"), "{error}");
+        }
+    }
+
+    /// `section.key` of every value.
+    fn keys(config: &str) -> Vec<String> {
+        let sections: toml::Table = toml::from_str(config).unwrap();
+        let keys = |(section, fields): (&String, &toml::Value)| {
+            let fields = fields.as_table().unwrap();
+            fields.keys().map(|key| format!("{section}.{key}")).collect::<Vec<_>>()
+        };
+        sections.iter().flat_map(keys).collect()
+    }
+
+    /// Two scans and a path that names every value otherwise.
+    fn golden_map() -> SavedMap {
+        let mut scans = ScanStore::default();
+        let beam = |bearing_rad, echo| Beam { bearing_rad, offset: Duration::ZERO, echo };
+        let beams = [beam(-0.5, Echo::Hit(2.0)), beam(0.0, Echo::Miss), beam(0.25, Echo::Hit(3.5))];
+        for micros in [1_000_000, 1_100_000] {
+            let scan = RangeScan { stamp: Instant::from_micros(micros), range_max_m: 8.0, beams: &beams };
+            scans.add(&Sweep::at_rest(scan, Pose2::new(0.1, -0.2, 0.5)));
+        }
+        SavedMap { program: "golden".to_owned(), config: RunConfig::default(), path: SavedPath::example(), scans }
+    }
+
+    /// A map of this version that an earlier build has saved is read as what it was, and saved again has the same bytes.
+    #[test]
+    fn maps_of_this_version_stay_readable() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/map-{VERSION}"));
+        let how = "LRFSLAM_RENEW_GOLDEN=1 cargo test -p lrfslam-host saved_map";
+        let raise = format!(
+            "builds of this version would misread one another's maps: raise VERSION in host/src/saved_map.rs, write the golden file of the new version by\n    {how}\nand delete {}",
+            folder.display()
+        );
+        let map = golden_map();
+        let renews = std::env::var_os("LRFSLAM_RENEW_GOLDEN").is_some();
+        if renews && !folder.join(FILE_NAME).exists() {
+            std::fs::create_dir_all(&folder).unwrap();
+            map.write(&folder).unwrap();
+        }
+        let known = SavedMap::read(&folder).unwrap_or_else(|error| panic!("{error}\n{raise}"));
+        let bytes = |map: &SavedMap| postcard::to_stdvec(&(&map.path, &map.scans)).unwrap();
+        assert!(known.path == map.path && bytes(&known) == bytes(&map), "{raise}\n{:?}\n{:?}", known.path, map.path);
+        let file = folder.join(FILE_NAME);
+        let content = unpack(packed_part(&file, &std::fs::read(&file).unwrap()).unwrap()).unwrap();
+        let (program, config): (String, String) = postcard::from_bytes(&content).unwrap();
+        let today = keys(&toml::to_string(&map.config).unwrap());
+        let again = Content { program, config: config.clone(), path: &map.path, scans: &map.scans };
+        assert!(postcard::to_stdvec(&again).unwrap() == content, "{raise}");
+        if renews && keys(&config) != today {
+            map.write(&folder).unwrap();
+        }
+        let added: Vec<_> = today.iter().filter(|key| !keys(&config).contains(key)).collect();
+        assert!(
+            added.is_empty() || renews,
+            "keys were added: {added:?}. Older maps are still read, and the version may stay; for the next change write the golden file anew by\n    {how}"
+        );
     }
 
     proptest! {

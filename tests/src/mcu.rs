@@ -230,7 +230,7 @@ impl<'d> Bench<'d> {
         client.take(now, &heard, &mut |event| match event {
             RobotEvent::NewRobot => *robots += 1,
             RobotEvent::Status(now) => *status = now,
-            RobotEvent::OtherVersion(version) => said.push(format!("speaks version {version}")),
+            RobotEvent::Foreign(why) => said.push(why.to_string()),
             RobotEvent::Message(told) => {
                 let Some(message) = told.message() else { return };
                 if let FromRobot::Said(text) | FromRobot::Refused(text) = message {

@@ -92,6 +92,14 @@ pub struct LowSlamMemory<'m, const SIDE: usize> {
     pub window: &'m mut [TileId],
 }
 
+impl<const SIDE: usize> LowSlamMemory<'_, SIDE> {
+    /// Particles for which there is room, with so many samples each.
+    pub fn particles_max(&self, samples_per_particle: u16) -> usize {
+        let samples = self.samples.len() / usize::from(samples_per_particle.max(1));
+        (self.nodes.len() / 2).min(self.particles.len()).min(samples)
+    }
+}
+
 /// The memory lent to a [`LowSlam`] does not fit together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -181,12 +189,11 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         seed: u64,
         memory: LowSlamMemory<'m, SIDE>,
     ) -> Result<Self, LowSlamMemoryError> {
+        let room = memory.particles_max(config.filter.samples_per_particle);
         let LowSlamMemory { map, nodes, particles, samples, rays, window } = memory;
         let lists = map.node_tiles.len();
         let has_lists = lists >= nodes.len();
         let ancestry = Ancestry::new(nodes)?;
-        let per_particle = usize::from(config.filter.samples_per_particle.max(1));
-        let room = ancestry.particles_max().min(particles.len()).min(samples.len() / per_particle);
         let particles_max = config.filter.particles.min(u16::try_from(room).unwrap_or(u16::MAX));
         let Some(first) = particles.first_mut().filter(|_| particles_max > 0 && has_lists) else {
             return Err(LowSlamMemoryError::Particles);

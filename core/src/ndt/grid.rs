@@ -89,6 +89,13 @@ pub(super) struct Place {
     cell: u32,
 }
 
+/// Binary logarithm of the places along a side of each grid's directory; `None` if it is not grids × 4ⁿ.
+fn side_shift(grids: u16, entries: usize) -> Option<u32> {
+    let grids = usize::from(grids);
+    let shift = entries.checked_div(grids)?.checked_ilog2()? / 2;
+    (shift <= 12 && entries == grids << (2 * shift)).then_some(shift)
+}
+
 impl<'m> NdtGrid<'m> {
     /// An empty plane.
     ///
@@ -103,11 +110,8 @@ impl<'m> NdtGrid<'m> {
         tiles: &'m mut [NdtTile],
     ) -> Result<Self, NdtMemoryError> {
         let layers = u32::from(config.grids);
-        let places = directory.len() / (layers as usize).max(1);
-        let side_shift = places.checked_ilog2().unwrap_or(0) / 2;
-        if places == 0 || directory.len() != (layers as usize) << (2 * side_shift) || side_shift > 12 {
-            return Err(NdtMemoryError::Directory(directory.len()));
-        }
+        let side_shift = side_shift(config.grids, directory.len());
+        let side_shift = side_shift.ok_or(NdtMemoryError::Directory(directory.len()))?;
         if tiles.len() > usize::from(u16::MAX) {
             return Err(NdtMemoryError::Tiles(tiles.len()));
         }
@@ -128,6 +132,11 @@ impl<'m> NdtGrid<'m> {
             evicted: 0,
             farthest: f32::INFINITY,
         })
+    }
+
+    /// True if a directory of so many entries suits so many grids.
+    pub fn is_directory(grids: u16, entries: usize) -> bool {
+        side_shift(grids, entries).is_some()
     }
 
     /// Forgets all points.

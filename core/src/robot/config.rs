@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::sweep_report::ReportConfig;
-use crate::config::Section as _;
+use crate::config::{Layout, NO_LAYOUT, Section, layout_with, layout_with_part};
 use crate::de::DeConfig;
 use crate::distributed_map::ParticleMapConfig;
 use crate::filter::FilterConfig;
@@ -17,66 +17,115 @@ use crate::perception::PerceptionConfig;
 use crate::rays::RayConfig;
 use crate::slam::StepConfig;
 
-/// Which laser is plugged in.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum LaserFamily {
-    /// Hokuyo with SCIP.
-    #[default]
-    Hokuyo,
-    /// SICK LMS2xx.
-    Sick,
+crate::config_choice! {
+    /// Which laser is plugged in.
+    pub enum LaserFamily {
+        /// Hokuyo with SCIP.
+        Hokuyo = "hokuyo",
+        /// SICK LMS2xx.
+        Sick = "sick-lms2xx",
+    }
+    choices "\"hokuyo\" or \"sick-lms2xx\""
 }
 
-/// The laser and its line.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct LaserConfig {
-    /// Which driver.
-    pub family: LaserFamily,
-    /// Rate to change to if the laser is slower, bit/s; 0 keeps the one found.
-    pub baud: u32,
-    /// Hokuyo: neighbouring steps merged, 1..=99; 0 is 1.
-    pub cluster: u8,
+crate::config! {
+    /// The laser and its line.
+    pub struct LaserConfig {
+        /// Which driver.
+        family: LaserFamily = LaserFamily::Hokuyo;
+        /// Rate to change to if the laser is slower, one that its family knows, bit/s; 0 keeps the one found.
+        baud: u32 = 0;
+        /// Hokuyo: neighbouring steps merged, 1 to 99; 0 is 1.
+        cluster: u8 = 0, in 0..=99;
+    }
 }
 
-/// The configuration of a robot with all its parts: what a host gives it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct RobotConfig {
-    /// Of all random numbers.
-    pub seed: u64,
-    /// Where the laser sits on the robot.
-    pub robot_from_lrf: Pose2,
-    /// The laser.
-    pub laser: LaserConfig,
-    /// Scan filter.
-    pub filter: FilterConfig,
-    /// Reference cells.
-    pub ndt: NdtConfig,
-    /// Search box.
-    pub search: SearchConfig,
-    /// Search effort.
-    pub de: DeConfig,
-    /// Matcher.
-    pub matcher: MatcherConfig,
-    /// Laser odometry.
-    pub odometry: OdometryConfig,
-    /// When lost.
-    pub recovery: RecoveryConfig,
-    /// When the filter takes a step.
-    pub steps: StepConfig,
-    /// Motion of the particles.
-    pub motion: ScanMatchingMotionConfig,
-    /// Particles.
-    pub particles: LowSlamConfig,
-    /// Their maps.
-    pub particle_map: ParticleMapConfig,
-    /// Beams.
-    pub rays: RayConfig,
-    /// Weights.
-    pub perception: PerceptionConfig,
-    /// Proposal.
-    pub refinement: RefinementConfig,
-    /// What the host is told.
-    pub report: ReportConfig,
+/// Declares the configuration of a robot: plain values, and sections.
+macro_rules! robot_config {
+    (
+        values { $( $(#[doc = $value_doc:literal])* $value:ident : $value_type:ty, )* }
+        sections { $( $(#[doc = $doc:literal])* $section:ident : $type:ty, )* }
+    ) => {
+        /// The configuration of a robot with all its parts: what a host gives it.
+        #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+        pub struct RobotConfig {
+            $( $(#[doc = $value_doc])* pub $value: $value_type, )*
+            $( $(#[doc = $doc])* pub $section: $type, )*
+        }
+
+        impl Layout for RobotConfig {
+            const LAYOUT: u32 = {
+                let layout = NO_LAYOUT;
+                $( let layout = layout_with_part(layout, stringify!($value), <$value_type>::LAYOUT); )*
+                $( let layout = layout_with_part(layout, stringify!($section), <$type>::LAYOUT); )*
+                layout
+            };
+        }
+
+        impl RobotConfig {
+            /// Section and name of the first field that is out of its bounds.
+            pub fn out_of_bounds(&self) -> Option<(&'static str, &'static str)> {
+                $(
+                    if let Some(field) = self.$section.out_of_bounds() {
+                        return Some((stringify!($section), field));
+                    }
+                )*
+                None
+            }
+
+            /// Calls `visit` with the name of every section and with the section, in order.
+            pub fn visit_sections(&self, visit: &mut dyn FnMut(&'static str, &dyn Section)) {
+                $( visit(stringify!($section), &self.$section); )*
+            }
+        }
+    };
+}
+
+robot_config! {
+    values {
+        /// Of all random numbers.
+        seed: u64,
+        /// Where the laser sits on the robot.
+        robot_from_lrf: Pose2,
+    }
+    sections {
+        /// The laser.
+        laser: LaserConfig,
+        /// Scan filter.
+        filter: FilterConfig,
+        /// Reference cells.
+        ndt: NdtConfig,
+        /// Search box.
+        search: SearchConfig,
+        /// Search effort.
+        de: DeConfig,
+        /// Matcher.
+        matcher: MatcherConfig,
+        /// Laser odometry.
+        odometry: OdometryConfig,
+        /// When lost.
+        recovery: RecoveryConfig,
+        /// When the filter takes a step.
+        steps: StepConfig,
+        /// Motion of the particles.
+        motion: ScanMatchingMotionConfig,
+        /// Particles.
+        particles: LowSlamConfig,
+        /// Their maps.
+        particle_map: ParticleMapConfig,
+        /// Beams.
+        rays: RayConfig,
+        /// Weights.
+        perception: PerceptionConfig,
+        /// Proposal.
+        refinement: RefinementConfig,
+        /// What the host is told.
+        report: ReportConfig,
+    }
+}
+
+impl Layout for Pose2 {
+    const LAYOUT: u32 = layout_with(NO_LAYOUT, "x, y, heading: f32");
 }
 
 impl Default for RobotConfig {
@@ -112,28 +161,6 @@ impl Default for RobotConfig {
 }
 
 impl RobotConfig {
-    /// Name of the first field that is out of its bounds.
-    pub fn out_of_bounds(&self) -> Option<&'static str> {
-        let sections = [
-            self.filter.out_of_bounds(),
-            self.ndt.out_of_bounds(),
-            self.search.out_of_bounds(),
-            self.de.out_of_bounds(),
-            self.matcher.out_of_bounds(),
-            self.odometry.out_of_bounds(),
-            self.recovery.out_of_bounds(),
-            self.steps.out_of_bounds(),
-            self.motion.out_of_bounds(),
-            self.particles.out_of_bounds(),
-            self.particle_map.out_of_bounds(),
-            self.rays.out_of_bounds(),
-            self.perception.out_of_bounds(),
-            self.refinement.out_of_bounds(),
-            self.report.out_of_bounds(),
-        ];
-        sections.into_iter().flatten().next()
-    }
-
     /// The part for laser odometry.
     pub fn laser_odometry(&self) -> LaserOdometryConfig {
         LaserOdometryConfig {

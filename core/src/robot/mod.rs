@@ -11,6 +11,7 @@
 //! [`RobotPools`] holds all of it, is all zero at first, and costs no flash as a static.
 
 mod config;
+mod fit;
 mod laser;
 mod machine;
 mod mapping;
@@ -21,6 +22,7 @@ mod requests;
 mod sweep_report;
 
 pub use config::{LaserConfig, LaserFamily, RobotConfig};
+pub use fit::Misfit;
 pub use machine::{Input, Ports, Robot};
 pub use mapping::{Mapped, Mapping, MappingError, MappingMemory};
 pub use pools::{CompactPools, LargePools, RobotMemory, RobotPools, StandardPools, TILE_SIDE};

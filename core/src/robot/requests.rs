@@ -3,6 +3,7 @@
 use core::fmt::Write as _;
 
 use super::config::RobotConfig;
+use super::fit::misfit;
 use super::laser::Laser;
 use super::machine::{Answer, Ports, Robot, Running, Work, tell_path};
 use super::mapping::Mapping;
@@ -18,6 +19,8 @@ const STATUS_EVERY: Duration = Duration::from_millis(250);
 /// From a request to start anew to doing so: its acknowledgement goes out first, or the host would ask the next life again. Long enough
 /// for the host to ask once more if it was lost.
 const RESTART_AFTER: Duration = Duration::from_millis(1000);
+/// Of a robot whose memory is gone without a mapping.
+const UNUSABLE: &str = "its memory does not fit together";
 
 /// What is asked of the robot as a whole, without the message that it came in.
 // A request lives for a moment on the stack.
@@ -26,6 +29,8 @@ enum Request {
     Configure(RobotConfig),
     Stop,
     Restart,
+    /// Its frame was whole, and yet it says nothing that this program knows.
+    Unknown,
 }
 
 impl Robot<'_> {
@@ -52,7 +57,7 @@ impl Robot<'_> {
                         }
                         None
                     }
-                    Err(_) => None,
+                    Err(_) => Some(Request::Unknown),
                 },
                 Some(Received::NewPeer { .. }) => {
                     self.owes_identity = true;
@@ -71,37 +76,37 @@ impl Robot<'_> {
                 Some(Request::Configure(config)) => self.configure(now, &config, ports),
                 Some(Request::Stop) => self.stop(now, ports),
                 Some(Request::Restart) => self.restart_at = now + RESTART_AFTER,
+                Some(Request::Unknown) => self.answer = Some(refused("the request is not understood")),
                 None => {}
             }
         }
     }
 
     fn configure(&mut self, now: Instant, config: &RobotConfig, ports: &mut impl Ports) {
-        if let Some(mapping) = self.mapping() {
-            let is_same = mapping.config() == config;
-            self.answer = Some(if is_same { Answer::Configured } else { refused("running; restart it first") });
-            return;
-        }
-        if let Some(field) = config.out_of_bounds() {
-            self.answer = Some(refused(format_args!("{field} is out of its bounds")));
-            return;
-        }
-        let Work::Waiting(idle) = core::mem::replace(&mut self.work, Work::Nothing) else { return };
+        let settled = match &self.work {
+            Work::Mapping(running) if running.mapping.config() == config => Some(Answer::Configured),
+            Work::Mapping(_) => Some(refused("it maps with another configuration: restart it first")),
+            Work::Waiting(idle) => misfit(config, &self.capacities, &idle.mapping).map(refused),
+            Work::Nothing => Some(refused(UNUSABLE)),
+        };
+        self.answer = settled.or_else(|| Some(self.begin(now, config, ports)));
+    }
+
+    /// Takes the memory, for a configuration that fits it.
+    fn begin(&mut self, now: Instant, config: &RobotConfig, ports: &mut impl Ports) -> Answer {
+        let Work::Waiting(idle) = core::mem::replace(&mut self.work, Work::Nothing) else { return refused(UNUSABLE) };
         let mapping = match Mapping::new(config, idle.mapping) {
             Ok(mapping) => mapping,
-            Err(error) => {
-                // Its memory is gone with it; a configuration that does not fit needs a restart.
-                self.answer = Some(refused(error));
-                return;
-            }
+            // Nothing fits memory that does not fit together: the program was built so.
+            Err(error) => return refused(error),
         };
         let laser = Laser::new(&config.laser, idle.telegram, idle.beams);
         let paging = Paging::of(&mapping);
         self.work = Work::Mapping(Running { laser, laser_deadline: NEVER, mapping, paging });
-        self.answer = Some(Answer::Configured);
         if self.laser_connected {
             self.give_laser(now, LaserInput::Connected, ports);
         }
+        Answer::Configured
     }
 
     fn stop(&mut self, now: Instant, ports: &mut impl Ports) {

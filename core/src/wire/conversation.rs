@@ -1,6 +1,6 @@
 //! Who has said what, and who has heard it: a session without its bytes.
 
-use super::packet::{Packet, VERSION};
+use super::packet::{Foreign, LAYOUT, Packet, VERSION};
 use super::queue::SendQueue;
 use super::session::{CREDIT, MAX_LATEST, Progress, Received, SessionCounters};
 use crate::lrf::driver::NEVER;
@@ -99,7 +99,7 @@ impl<'m> Conversation<'m> {
 
     pub(super) fn on_packet<'a>(&mut self, now: Instant, packet: Packet<'a>) -> Option<Received<'a>> {
         match packet {
-            Packet::Hello { version, .. } if version != VERSION => Some(Received::OtherVersion(version)),
+            Packet::Hello { layout, .. } if layout != LAYOUT => Some(Received::Foreign(Foreign::Layout)),
             Packet::Hello { epoch, peer, next, base, credit, is_heard, .. } => {
                 self.owes_hello |= !is_heard;
                 self.on_hello(now, Progress { epoch, next: base }, peer, next, credit)
@@ -235,7 +235,7 @@ impl<'m> Conversation<'m> {
             Turn::Hello => {
                 let peer = self.peer.map(|peer| peer.epoch);
                 let (base, is_heard) = (self.queue.base(), self.is_live);
-                Packet::Hello { version: VERSION, epoch, peer, next, base, credit, is_heard }
+                Packet::Hello { version: VERSION, epoch, peer, next, base, credit, is_heard, layout: LAYOUT }
             }
             Turn::Ack => {
                 let peer = self.peer.map_or(0, |peer| peer.epoch);

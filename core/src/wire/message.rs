@@ -93,6 +93,17 @@ pub struct Capacities {
     pub window_side: u16,
 }
 
+/// A window reaches so much farther to each side than the beams, m: particles apart from one another, and tiles cut at its edge.
+const WINDOW_MARGIN_M: f32 = 2.4;
+
+impl Capacities {
+    /// How far beams may go in a map with such squares, m; nothing if it is negative.
+    pub fn reach_m(&self, square_size_m: f32) -> f32 {
+        let window_m = f32::from(self.window_side) * f32::from(self.tile_side) * square_size_m;
+        0.5 * window_m - WINDOW_MARGIN_M
+    }
+}
+
 /// Where the robot was at one scan: the pose of the most likely particle at the filter's last step, and what laser odometry says
 /// since; and what laser odometry says by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -7,7 +7,7 @@
 //!
 //! `Hello` begins: who I am, whom I know, what I expect of you, and the oldest message that I still have. So a host that
 //! has kept (epoch, next) goes on where it was; one that has not, with what the robot still has; and a robot that was reset is
-//! known by its epoch.
+//! known by its epoch. Ends of another version, or with another layout of the configuration, do not talk ([`Foreign`]).
 //!
 //! # Contract
 //! [`take`](Session::take) every byte and [`timeout`](Session::timeout) at [`deadline`](Session::deadline); whenever the port has room for a
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::conversation::Conversation;
 use super::frame::{FrameCounters, FrameDecoder, MAX_FRAME, encode};
-pub use super::packet::{Packet, VERSION};
+pub use super::packet::{Foreign, LAYOUT, Packet, VERSION};
 pub use super::queue::QueueFullError;
 use crate::time::Instant;
 
@@ -41,8 +41,8 @@ pub enum Received<'a> {
         /// Its epoch.
         epoch: u32,
     },
-    /// It speaks another version of the protocol; nothing can be said.
-    OtherVersion(u16),
+    /// It is of another build; nothing is said to it, and nothing taken from it.
+    Foreign(Foreign),
 }
 
 /// How far one end has come with the messages of the other.
@@ -174,7 +174,11 @@ impl<'m> Session<'m> {
     #[must_use]
     pub fn take(&mut self, now: Instant, bytes: &[u8]) -> (usize, Option<Received<'_>>) {
         let (taken, payload) = self.decoder.take(bytes);
-        let packet = payload.and_then(|payload| postcard::from_bytes(payload).ok());
+        let Some(payload) = payload else { return (taken, None) };
+        if let Some(foreign) = Foreign::of_hello(payload) {
+            return (taken, Some(Received::Foreign(foreign)));
+        }
+        let packet = postcard::from_bytes(payload).ok();
         (taken, packet.and_then(|packet| self.conversation.on_packet(now, packet)))
     }
 

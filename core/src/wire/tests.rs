@@ -358,8 +358,9 @@ fn packet(packet: Packet<'_>) -> Vec<u8> {
 
 #[test]
 fn examples_of_the_specification_are_what_is_sent() {
+    let (epoch, layout) = (20, 0x1234_5678);
     let hello =
-        Packet::Hello { version: VERSION, epoch: 20, peer: None, next: 0, base: 0, credit: 32, is_heard: false };
+        Packet::Hello { version: VERSION, epoch, peer: None, next: 0, base: 0, credit: 32, is_heard: false, layout };
     let ack = Packet::Ack { epoch: 10, peer: 20, next: 3, credit: 32, missing: false };
     let mut squares = [0; 128];
     squares[..2].copy_from_slice(&[1, 4]);
@@ -390,4 +391,6 @@ fn examples_of_the_specification_are_what_is_sent() {
     for example in [&framed(b"123456789"), &packet(hello), &packet(ack), &tile[..14].to_vec(), &recall, &sweep, &pose] {
         assert!(is_in_the_specification(example), "{example:02x?}");
     }
+    let [version, magic] = [std::format!("TCP. Version {VERSION}."), std::format!("`LRFROB{VERSION:02}`")];
+    assert!(SPECIFICATION.contains(&version) && SPECIFICATION.contains(&magic), "{version} {magic}");
 }

@@ -8,7 +8,6 @@ use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use lrfslam_core::robot::{LaserConfig, LaserFamily};
 use lrfslam_core::wire::message::{FromRobot, Status, ToRobot};
-use lrfslam_core::wire::session::VERSION;
 
 use super::laser::{interrupt_flag, parse_baud, say};
 use super::out::{OutArgs, SaveArgs};
@@ -136,7 +135,8 @@ pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
         book.tell_now_and_then();
         book.save_if_due();
     }
-    if !args.keep_running {
+    // A robot that maps for somebody else, or not at all, is left as it is.
+    if !args.keep_running && !book.is_refused {
         end(&mut link, &mut book);
     }
     book.damaged_frames = link.client().session().counters().frames.damaged;
@@ -192,6 +192,8 @@ struct Book<'a> {
     told_at: WallInstant,
     is_lost: bool,
     damaged_frames: u32,
+    /// The robot does not work for this host.
+    is_refused: bool,
     fault: Option<anyhow::Error>,
 }
 
@@ -235,6 +237,7 @@ impl<'a> Book<'a> {
             told_at: WallInstant::now(),
             is_lost: false,
             damaged_frames: 0,
+            is_refused: false,
             fault: None,
         })
     }
@@ -265,9 +268,7 @@ impl<'a> Book<'a> {
             LinkEvent::Robot(RobotEvent::Status(status)) => {
                 self.run.iter_mut().for_each(|run| run.set_status(&status));
             }
-            LinkEvent::Robot(RobotEvent::OtherVersion(version)) => {
-                self.fail(anyhow!("the robot speaks version {version} of the robot link, this program {VERSION}"));
-            }
+            LinkEvent::Robot(RobotEvent::Foreign(why)) => self.fail(why.into()),
             LinkEvent::Robot(RobotEvent::Message(told)) => self.take_told(&told),
             LinkEvent::Robot(RobotEvent::Recall(recall)) => {
                 self.run.iter().for_each(|run| recall.answer(run.map().to_give_back()));
@@ -297,7 +298,10 @@ impl<'a> Book<'a> {
                 ));
             }
             Some(FromRobot::Said(words)) => self.say(words),
-            Some(FromRobot::Refused(reason)) => self.fail(anyhow!("the robot refuses: {reason} (see --restart)")),
+            Some(FromRobot::Refused(reason)) => {
+                self.is_refused = true;
+                self.fail(anyhow!("the robot refuses: {reason}"));
+            }
             _ => {}
         }
     }

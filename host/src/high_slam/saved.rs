@@ -176,6 +176,36 @@ impl HighSlam<'_> {
     }
 }
 
+#[cfg(test)]
+impl SavedPath {
+    /// One with everything that can be in it, every number another one.
+    pub(crate) fn example() -> Self {
+        let pose = |number: i16, scan| SavedPose {
+            stamp: Instant::from_micros(1000 * i64::from(number)),
+            start_from_robot: Pose2::new(f32::from(number), 0.5, -0.25),
+            travel_m: 0.125 + f32::from(number),
+            scan,
+        };
+        let segment = |number: i16, poses| SavedSegment {
+            poses,
+            end: [f64::from(number), 1.5, -1.25],
+            covariance: std::array::from_fn(|k| f64::from(number) + 0.0625 * k as f64),
+            travel_m: 7.5,
+            rotation_rad: 2.75,
+        };
+        let edge = |from, to, is_closure| SavedEdge {
+            from,
+            to,
+            from_to: [3.5, 4.5, 0.75],
+            information: std::array::from_fn(|k| 100.0 + k as f64),
+            is_closure,
+        };
+        let segments = vec![segment(10, vec![pose(1, Some(0)), pose(2, None)]), segment(20, vec![pose(3, Some(1))])];
+        let edges = vec![edge(0, 1, false), edge(1, 0, true)];
+        Self { segments, nodes: vec![[0.5, 0.25, 0.125], [8.5, 9.5, 1.5]], edges }
+    }
+}
+
 impl SavedPath {
     fn check(&self, scans: usize) -> Result<(), SavedPathError> {
         let (segments, nodes) = (self.segments.len(), self.nodes.len());

@@ -7,22 +7,23 @@ use lrfslam_core::robot::RobotConfig;
 use lrfslam_core::time::Instant;
 use lrfslam_core::wire::frame::MAX_FRAME;
 use lrfslam_core::wire::message::{Capacities, FromRobot, Status, TileUpdate, ToRobot};
-use lrfslam_core::wire::session::{Progress, QueueFullError, Received, Session, SessionMemory};
+use lrfslam_core::wire::session::{Foreign, Progress, QueueFullError, Received, Session, SessionMemory};
 
 use super::map::Tiles;
 
 /// Bytes of requests and tiles that wait for the robot.
 const QUEUE: usize = 16_384;
-/// A robot's window reaches so much farther to each side than its beams: particles apart from one another, and tiles cut at the window's edge.
-const WINDOW_MARGIN_M: f32 = 2.4;
+/// No robot is given less of a view, m: one that has no memory for it says so.
+const VIEW_MIN_M: f32 = 1.0;
 
 /// `config` with no more particles, and no longer beams, than the robot has memory for.
 pub(super) fn fitted(config: &RobotConfig, capacities: &Capacities) -> RobotConfig {
     let mut config = *config;
-    config.particles.particles = config.particles.particles.min(capacities.particles);
-    let window_m =
-        f32::from(capacities.window_side) * f32::from(capacities.tile_side) * config.particle_map.square_size_m;
-    config.rays.range_max_m = config.rays.range_max_m.min(0.5 * window_m - WINDOW_MARGIN_M).max(1.0);
+    let room = capacities.particles / config.particles.samples_per_particle.max(1);
+    config.particles.particles = config.particles.particles.min(room.max(1));
+    let reach_m = capacities.reach_m(config.particle_map.square_size_m).max(VIEW_MIN_M);
+    config.rays.range_max_m = config.rays.range_max_m.min(reach_m);
+    config.rays.miss_range_m = config.rays.miss_range_m.min(reach_m);
     config
 }
 
@@ -70,8 +71,8 @@ pub enum RobotEvent<'a> {
     Recall(&'a mut Recall),
     /// How it is now.
     Status(Status),
-    /// It speaks another version of the protocol.
-    OtherVersion(u16),
+    /// It is of another build; it is told nothing, and nothing is taken from it.
+    Foreign(Foreign),
 }
 
 /// A message of the robot's; it is acknowledged when the sink that is given it has returned.
@@ -173,7 +174,7 @@ impl<'m> RobotClient<'m> {
                     self.recalls.clear();
                     sink(RobotEvent::NewRobot);
                 }
-                Some(Received::OtherVersion(version)) => sink(RobotEvent::OtherVersion(version)),
+                Some(Received::Foreign(why)) => sink(RobotEvent::Foreign(why)),
                 None => {}
             }
             if let Some(mut recall) = asked {

@@ -2,7 +2,8 @@
 //! own clocks.
 
 use std::fs;
-use std::net::SocketAddr;
+use std::io::{Read as _, Write as _};
+use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,6 +12,8 @@ use std::time::Duration;
 
 use crate::common::{lrfslam, run};
 use lrfslam_core::robot::StandardPools;
+use lrfslam_core::wire::frame::{MAX_FRAME, encode};
+use lrfslam_core::wire::session::{LAYOUT, Packet, VERSION};
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::pty;
 use lrfslam_firmware_sim::robot_process::{HostLine, Wiring, serve};
@@ -199,6 +202,59 @@ fn a_robot_that_starts_anew_gets_a_folder_of_its_own() {
     assert_eq!(code, 0, "{stderr}");
     assert!(folder.path().join("again/trajectory.tum").exists() && !folder.path().join("again-2").exists());
     assert_eq!(report(&folder.path().join("again"))["robot"]["is_from_start"], true);
+}
+
+#[test]
+fn a_robot_that_refuses_a_configuration_takes_the_next_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = Bench::new(folder.path(), true, 0.0);
+    let arguments = ["attach", "--port", &bench.port, "--lrf", "hokuyo", "-q", "--out"];
+    for (out, change, why) in [
+        ("grids", ["--set", "ndt.grids=1"], "ndt.grids is 1, the memory is divided for 2"),
+        ("baud", ["--lrf-baud", "12345"], "laser.baud is 12345: this laser has no such rate"),
+    ] {
+        let started = std::time::Instant::now();
+        let (code, _, stderr) = run(folder.path(), &[&arguments[..], &[out], &change].concat());
+        assert_eq!((code, stderr), (1, format!("lrfslam: the robot refuses: {why}\n")));
+        assert!(started.elapsed() < Duration::from_secs(4), "nothing is waited for");
+    }
+    let (code, stdout, stderr) = run(folder.path(), &[&arguments[..], &["map", "--scans", "10"]].concat());
+    assert_eq!((code, stderr.as_str()), (0, ""));
+    assert!(stdout.ends_with("results in map\n"), "{stdout}");
+}
+
+/// It says hello, and would take whatever comes.
+#[test]
+fn a_robot_with_another_configuration_layout_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = TcpListener::bind(("127.0.0.1", 0)).unwrap();
+    let port = format!("tcp:{}", robot.local_addr().unwrap());
+    let heard = std::thread::spawn(move || {
+        let (mut line, _) = robot.accept().unwrap();
+        let layout = LAYOUT ^ 1;
+        let hello = Packet::Hello {
+            version: VERSION,
+            epoch: 7,
+            peer: None,
+            next: 0,
+            base: 0,
+            credit: 32,
+            is_heard: false,
+            layout,
+        };
+        let (mut payload, mut frame) = ([0; MAX_FRAME], [0; MAX_FRAME]);
+        let payload = postcard::to_slice(&hello, &mut payload).unwrap();
+        line.write_all(encode(payload, &mut frame).unwrap()).unwrap();
+        let mut heard = Vec::new();
+        line.read_to_end(&mut heard).unwrap();
+        heard
+    });
+    let (code, _, stderr) = run(folder.path(), &["attach", "--port", &port, "--lrf", "hokuyo", "-q"]);
+    let why = "the robot's program has another configuration layout: build both from the same version";
+    assert_eq!((code, stderr), (1, format!("lrfslam: {why}\n")));
+    let heard = heard.join().unwrap();
+    assert!(heard.len() < 60, "{} bytes: hellos, and no configuration", heard.len());
+    assert!(!folder.path().join("robot-map/robot.journal").exists(), "nothing was taken from it");
 }
 
 #[test]

@@ -245,7 +245,7 @@ impl<D: HostDisk> RobotRig<D> {
                 RobotEvent::Recall(recall) => disk.to_give_back().into_iter().for_each(|tiles| recall.answer(tiles)),
                 RobotEvent::Status(now) => *status = now,
                 RobotEvent::NewRobot => {}
-                RobotEvent::OtherVersion(version) => panic!("version {version}"),
+                RobotEvent::Foreign(why) => panic!("{why}"),
             });
         }
         if now >= host.session().deadline() {

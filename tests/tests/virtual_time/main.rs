@@ -1,11 +1,13 @@
 //! Both ends together, as fast as the computer is. One binary for all, linked once.
 
 mod closing_loops;
+mod encodings;
 mod hil_virtual;
 mod larger_than_memory;
 mod link_faults;
 mod map3d;
 mod memory;
 mod recorded_log;
+mod refused_configuration;
 mod small_pools;
 mod wire_golden;

@@ -7,6 +7,7 @@
 mod connect;
 mod stream;
 
+pub use self::connect::RATES;
 use super::command::{Acquire, Command, Encoding, TimeMode};
 use super::decoder::ScipDecoder;
 use super::parameters::SensorParameters;

@@ -9,6 +9,7 @@ mod connect;
 mod setup;
 mod stream;
 
+pub use self::connect::RATES;
 use super::config_block::{ConfigBlock, Unit};
 use super::decoder::{DecoderEvent, TelegramDecoder};
 use super::measurement::ValueFormat;

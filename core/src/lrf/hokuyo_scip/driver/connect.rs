@@ -9,8 +9,8 @@ use crate::lrf::hokuyo_scip::reply::{Reply, Status};
 use crate::lrf::session::{Patience, Pending};
 use crate::time::{Duration, Instant};
 
-/// Rates of the `SS` command, the power-up rate first.
-const RATES: [u32; 7] = [19_200, 115_200, 57_600, 38_400, 250_000, 500_000, 750_000];
+/// Rates of the `SS` command, the power-up rate first, bit/s.
+pub const RATES: [u32; 7] = [19_200, 115_200, 57_600, 38_400, 250_000, 500_000, 750_000];
 /// Silence after which a line is called quiet: longer than a turn of the slowest motor.
 const QUIET: Duration = Duration::from_millis(140);
 /// A streaming sensor is never quiet: then `QT` goes out all the same.

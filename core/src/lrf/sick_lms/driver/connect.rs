@@ -7,8 +7,8 @@ use crate::lrf::sick_lms::reply::{DeviceStatus, ModeResult, Reply, ReplyBody};
 use crate::lrf::sick_lms::telegram::MAX_TELEGRAM;
 use crate::time::{Duration, Instant};
 
-/// Rates in the order of their likelihood: power-up, the fastest on RS-232, on RS-422.
-const RATES: [u32; 4] = [9_600, 38_400, 500_000, 19_200];
+/// Rates in the order of their likelihood: power-up, the fastest on RS-232, on RS-422, bit/s.
+pub const RATES: [u32; 4] = [9_600, 38_400, 500_000, 19_200];
 
 impl Session<'_> {
     pub(super) fn on_connected(&mut self, now: Instant) {
