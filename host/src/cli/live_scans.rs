@@ -1,7 +1,7 @@
 //! The loop over scans that `run` and `replay` share: every scan is mapped, and at the end the results are written.
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
@@ -10,7 +10,7 @@ use lrfslam_core::scan::RangeScan;
 use lrfslam_core::sweep::SpeedLimits;
 use lrfslam_core::time::{Duration, Instant};
 
-use super::laser::say;
+use super::laser::{say, source_failure};
 use super::particles::ParticleArgs;
 use super::summary::summary;
 use super::{Failure, print};
@@ -47,6 +47,13 @@ pub(super) struct Mapping {
     quiet: bool,
 }
 
+impl Mapping {
+    /// Folder for the results.
+    pub(super) fn out(&self) -> &Path {
+        &self.out
+    }
+}
+
 /// Maps every scan of `source` called `name`, and writes and prints what came out.
 pub(super) fn map_live(name: &str, source: &ScanSource, stop: &AtomicBool, args: &Mapping) -> Result<(), Failure> {
     let config = args.particles.load(args.config.as_deref(), &args.set)?;
@@ -54,7 +61,7 @@ pub(super) fn map_live(name: &str, source: &ScanSource, stop: &AtomicBool, args:
     let map = MapRun::open(&args.out, &config, args.seed, &mut memory).map_err(Failure::Start)?;
     let mut session = Session::new(map, &config, args);
     let done = for_each_scan(source, stop, &mut |item| session.take(item));
-    let report = done.map_err(Failure::Start)?;
+    let report = done.map_err(source_failure)?;
     session.finish(name, &report)
 }
 
@@ -113,9 +120,11 @@ impl<'a, 'm> Session<'a, 'm> {
             too_fast: self.watch.too_fast,
         };
         let source = Source::Laser { port: name.to_owned(), laser };
-        let report = self.map.finish(source, false, self.fault.as_ref()).map_err(Failure::Work)?;
+        let input_fault = report.input_fault().map(|fault| anyhow::anyhow!("{name}: {fault}"));
+        let fault = self.fault.or(input_fault);
+        let report = self.map.finish(source, false, fault.as_ref()).map_err(Failure::Work)?;
         print(&summary(&report, &self.args.out))?;
-        self.fault.map_or(Ok(()), |fault| Err(Failure::Work(fault)))
+        fault.map_or(Ok(()), |fault| Err(Failure::Work(fault)))
     }
 }
 

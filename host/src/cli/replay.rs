@@ -12,7 +12,7 @@ use crate::live::ScanSource;
 /// Run a recording of a laser range finder again, as it was, or as fast as possible.
 #[derive(Debug, Args)]
 pub(super) struct ReplayArgs {
-    /// The recording that `lrfslam run --record` wrote.
+    /// The recording that `lrfslam run` wrote: laser.rec among its results.
     file: PathBuf,
     /// As fast as possible.
     #[arg(long)]
