@@ -6,27 +6,38 @@
 //!
 //! | bytes | what |
 //! | --- | --- |
-//! | 1 | kind: `<` received, `>` sent, `b` rate set (payload `u32`, bit/s), `c` connected, `d` disconnected, `t` timeout, `s` stop |
+//! | 1 | kind: `<` received, `>` sent, `b` rate set (payload `u32`, bit/s), `c` connected, `d` disconnected, `t` timeout, `s` stop, `#` check, `e` end |
 //! | 8 | `i64`: time on the host's clock, µs since 1970 |
 //! | 4 | `u32`: length of the payload |
 //! | … | payload |
 //!
-//! A file may end anywhere: a record that is cut is left out. New kinds may come; a reader skips those it does not know.
+//! A check's payload is a `u32`: CRC-32 (ISO-HDLC) of the records since the one before, or since the header. An end says that
+//! the recording was closed, and not cut; older recordings have neither. A file may end anywhere: a record that is cut is left
+//! out. New kinds may come; a reader skips those it does not know.
 
+mod recorder;
+
+use std::fmt;
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::io::{BufReader, ErrorKind, Read};
 use std::path::Path;
 
 use anyhow::{Context as _, bail};
+use crc::{CRC_32_ISO_HDLC, Crc, Digest};
 use lrfslam_core::lrf::driver::Input;
 use lrfslam_core::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use crate::driver::LrfOptions;
 
+pub use recorder::{RecordPlan, Recorder, RecordingReport};
+
 const MAGIC: &[u8; 8] = b"LRFREC01";
 /// Longer payloads are not written, and not believed.
-const MAX_PAYLOAD: usize = 1 << 20;
+const MAX_PAYLOAD: usize = 1 << 16;
+/// A record without its payload, bytes.
+const HEAD: usize = 13;
+static CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// What a replay must know before the first byte.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -85,86 +96,49 @@ impl Entry {
     }
 }
 
-/// Writes a recording.
-#[derive(Debug)]
-pub struct Recorder {
-    out: BufWriter<File>,
-    unsaved_since: Option<Instant>,
+/// How a recording ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecordingEnd {
+    /// It was closed.
+    Whole,
+    /// It stops, as after a program that was killed.
+    Cut,
+    /// It is not what was written.
+    Damaged {
+        /// The record, or the first of several, that is wrong begins here.
+        at_byte: u64,
+    },
 }
 
-impl Recorder {
-    /// Begins a recording in a new file, or over an old one.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn create(path: &Path, header: &RecordingHeader) -> anyhow::Result<Self> {
-        let named = || format!("{}: cannot be written", path.display());
-        let text = toml::to_string(header).with_context(named)?;
-        let mut out = BufWriter::new(File::create(path).with_context(named)?);
-        let begun = out.write_all(MAGIC).and_then(|()| out.write_all(&(text.len() as u32).to_le_bytes()));
-        begun.and_then(|()| out.write_all(text.as_bytes())).and_then(|()| out.flush()).with_context(named)?;
-        Ok(Self { out, unsaved_since: None })
-    }
-
-    /// An input that the driver is given.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn input(&mut self, now: Instant, input: Input<'_>) -> io::Result<()> {
-        match input {
-            Input::Connected => self.record(b'c', now, b""),
-            Input::Disconnected => self.record(b'd', now, b""),
-            Input::Bytes(bytes) => self.record(b'<', now, bytes),
-            Input::Timeout => self.record(b't', now, b""),
-            Input::Stop => self.record(b's', now, b""),
+impl fmt::Display for RecordingEnd {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Whole => out.write_str("the recording is whole"),
+            Self::Cut => out.write_str("the recording ends in the middle (was the program killed?)"),
+            Self::Damaged { at_byte } => {
+                write!(out, "the recording is damaged from byte {at_byte} on; what comes behind it was not read")
+            }
         }
-    }
-
-    /// Bytes that the driver sends.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn sent(&mut self, now: Instant, bytes: &[u8]) -> io::Result<()> {
-        self.record(b'>', now, bytes)
-    }
-
-    /// A rate that the driver sets.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn baud(&mut self, now: Instant, baud: u32) -> io::Result<()> {
-        self.record(b'b', now, &baud.to_le_bytes())
-    }
-
-    /// To the file at least every second, so that little is lost however the program ends.
-    fn record(&mut self, kind: u8, now: Instant, payload: &[u8]) -> io::Result<()> {
-        let mut head = [kind; 13];
-        head[1..9].copy_from_slice(&now.micros.to_le_bytes());
-        head[9..].copy_from_slice(&(payload.len() as u32).to_le_bytes());
-        self.out.write_all(&head)?;
-        self.out.write_all(payload)?;
-        let since = *self.unsaved_since.get_or_insert(now);
-        if now.since(since).micros > 1_000_000 {
-            self.unsaved_since = None;
-            self.out.flush()?;
-        }
-        Ok(())
-    }
-
-    /// Puts everything into the file.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.out.flush()
     }
 }
 
-/// Reads a recording, record by record, up to its end or cut.
-#[derive(Debug)]
+/// Reads a recording, record by record, up to its end, cut or damage.
 pub struct RecordingReader<R = BufReader<File>> {
     input: R,
     header: RecordingHeader,
+    /// Bytes read.
+    at: u64,
+    /// The records since the last check begin here, and their sum.
+    checked: u64,
+    sum: Digest<'static, u32>,
+    has_checks: bool,
+    end: Option<RecordingEnd>,
+}
+
+impl<R> fmt::Debug for RecordingReader<R> {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.debug_struct("RecordingReader").field("header", &self.header).field("at", &self.at).finish_non_exhaustive()
+    }
 }
 
 impl RecordingReader {
@@ -193,10 +167,16 @@ impl<R: Read> RecordingReader<R> {
         if magic != *MAGIC {
             bail!("a recording of version {}, which this program does not know", String::from_utf8_lossy(&magic[6..]));
         }
-        let text = read_block(&mut input).context("cut within its header")?;
+        let mut length = [0; 4];
+        input.read_exact(&mut length).context("cut within its header")?;
+        let length = u32::from_le_bytes(length) as usize;
+        anyhow::ensure!(length <= MAX_PAYLOAD, "damaged header");
+        let mut text = vec![0; length];
+        input.read_exact(&mut text).context("cut within its header")?;
         let text = String::from_utf8(text).context("damaged header")?;
         let header = toml::from_str(&text).context("damaged header")?;
-        Ok(Self { input, header })
+        let at = (MAGIC.len() + 4 + length) as u64;
+        Ok(Self { input, header, at, checked: at, sum: CRC32.digest(), has_checks: false, end: None })
     }
 
     /// What the recording is of.
@@ -204,36 +184,85 @@ impl<R: Read> RecordingReader<R> {
         &self.header
     }
 
-    fn next_known(&mut self) -> Option<(Instant, Entry)> {
+    /// How it ended, once it has been read to its end.
+    pub fn end(&self) -> Option<RecordingEnd> {
+        self.end
+    }
+
+    fn next_known(&mut self) -> Result<(Instant, Entry), RecordingEnd> {
         loop {
-            let mut head = [0; 9];
-            self.input.read_exact(&mut head).ok()?;
-            let [kind, time @ ..] = head;
-            let payload = read_block(&mut self.input)?;
-            if let Some(entry) = Entry::parse(kind, payload) {
-                return Some((Instant::from_micros(i64::from_le_bytes(time)), entry));
+            let (begin, (kind, time, payload)) = (self.at, self.next_record()?);
+            match kind {
+                b'#' => self.check(&payload)?,
+                // A recording is closed with a check: something between them is damage.
+                b'e' if begin == self.checked => return Err(RecordingEnd::Whole),
+                b'e' => return Err(RecordingEnd::Damaged { at_byte: self.checked }),
+                kind => {
+                    if let Some(entry) = Entry::parse(kind, payload) {
+                        return Ok((Instant::from_micros(time), entry));
+                    }
+                }
             }
         }
     }
-}
 
-/// A length and so many bytes; `None` if cut, or impossibly long.
-fn read_block(input: &mut impl Read) -> Option<Vec<u8>> {
-    let mut length = [0; 4];
-    input.read_exact(&mut length).ok()?;
-    let length = u32::from_le_bytes(length) as usize;
-    if length > MAX_PAYLOAD {
-        return None;
+    /// Kind, time, payload.
+    fn next_record(&mut self) -> Result<(u8, i64, Vec<u8>), RecordingEnd> {
+        let damaged = RecordingEnd::Damaged { at_byte: self.at };
+        let mut head = [0; HEAD];
+        match self.fill(&mut head)? {
+            0 if !self.has_checks => return Err(RecordingEnd::Whole),
+            HEAD => {}
+            _ => return Err(RecordingEnd::Cut),
+        }
+        let [kind, t0, t1, t2, t3, t4, t5, t6, t7, length @ ..] = head;
+        let length = u32::from_le_bytes(length) as usize;
+        if length > MAX_PAYLOAD {
+            return Err(damaged);
+        }
+        let mut payload = vec![0; length];
+        if self.fill(&mut payload)? < length {
+            return Err(RecordingEnd::Cut);
+        }
+        if kind != b'#' {
+            self.sum.update(&head);
+            self.sum.update(&payload);
+        }
+        Ok((kind, i64::from_le_bytes([t0, t1, t2, t3, t4, t5, t6, t7]), payload))
     }
-    let mut payload = vec![0; length];
-    input.read_exact(&mut payload).ok()?;
-    Some(payload)
+
+    fn check(&mut self, payload: &[u8]) -> Result<(), RecordingEnd> {
+        let sum = std::mem::replace(&mut self.sum, CRC32.digest()).finalize();
+        if payload != sum.to_le_bytes() {
+            return Err(RecordingEnd::Damaged { at_byte: self.checked });
+        }
+        (self.checked, self.has_checks) = (self.at, true);
+        Ok(())
+    }
+
+    /// Reads as much as there is; a disk that cannot be read is damage.
+    fn fill(&mut self, buffer: &mut [u8]) -> Result<usize, RecordingEnd> {
+        let mut filled = 0;
+        while filled < buffer.len() {
+            match self.input.read(&mut buffer[filled..]) {
+                Ok(0) => break,
+                Ok(count) => filled += count,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(_) => return Err(RecordingEnd::Damaged { at_byte: self.at }),
+            }
+        }
+        self.at += filled as u64;
+        Ok(filled)
+    }
 }
 
 impl<R: Read> Iterator for RecordingReader<R> {
     type Item = (Instant, Entry);
     fn next(&mut self) -> Option<Self::Item> {
-        self.next_known()
+        if self.end.is_some() {
+            return None;
+        }
+        self.next_known().map_err(|end| self.end = Some(end)).ok()
     }
 }
 
@@ -246,18 +275,30 @@ mod tests {
         RecordingHeader { program: "test".into(), port: "none".into(), lrf: LrfOptions::new(LrfFamily::Hokuyo) }
     }
 
+    /// Two blocks: what waited for a laser to be found, and what came then.
     fn recording() -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.lrfrec");
-        let mut recorder = Recorder::create(&path, &header()).unwrap();
+        let mut recorder = Recorder::new(&RecordPlan::new(&path), header()).unwrap();
         let at = Instant::from_micros;
         recorder.input(at(1), Input::Connected).unwrap();
         recorder.sent(at(2), b"QT\n").unwrap();
         recorder.baud(at(2), 19_200).unwrap();
+        assert!(!path.exists(), "no laser was found yet");
+        recorder.begin(LrfFamily::Hokuyo).unwrap();
         recorder.input(at(3), Input::Bytes(b"QT\n00P\n\n")).unwrap();
         recorder.input(at(4), Input::Timeout).unwrap();
         recorder.finish().unwrap();
-        std::fs::read(path).unwrap()
+        let bytes = std::fs::read(&path).unwrap();
+        assert_eq!(recorder.report(), Some(RecordingReport { path, bytes: bytes.len() as u64, fault: None }));
+        bytes
+    }
+
+    /// How many records there are, and how it ends.
+    fn read(bytes: &[u8]) -> Option<(usize, RecordingEnd)> {
+        let mut reader = RecordingReader::new(bytes).ok()?;
+        let count = reader.by_ref().count();
+        Some((count, reader.end().expect("read to its end")))
     }
 
     #[test]
@@ -277,16 +318,41 @@ mod tests {
     }
 
     #[test]
-    fn cut_anywhere_it_reads_up_to_the_cut() {
+    fn cut_anywhere_it_reads_up_to_the_cut_and_says_so() {
         let bytes = recording();
         let mut last = 0;
         for cut in 0..bytes.len() {
-            let Ok(reader) = RecordingReader::new(&bytes[..cut]) else { continue };
-            let count = reader.count();
+            let Some((count, end)) = read(&bytes[..cut]) else { continue };
             assert!(count == last || count == last + 1);
             last = count;
+            // Before its first check it looks like an old one, which has none.
+            assert!(end == RecordingEnd::Cut || count < 4 && end == RecordingEnd::Whole, "{cut}: {end}");
         }
-        assert_eq!(last, 4, "all but the last, which is cut by a byte");
+        assert_eq!((last, read(&bytes)), (5, Some((5, RecordingEnd::Whole))));
+    }
+
+    #[test]
+    fn damage_anywhere_is_found_unless_it_changes_nothing() {
+        let bytes = recording();
+        let entries = |bytes: &[u8]| RecordingReader::new(bytes).unwrap().collect::<Vec<_>>();
+        let begin = 12 + u32::from_le_bytes(bytes[8..12].try_into().unwrap()) as usize;
+        for at in begin..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[at] ^= 1;
+            let (_, end) = read(&damaged).expect("its header is whole");
+            assert!(end != RecordingEnd::Whole || entries(&damaged) == entries(&bytes), "byte {at}");
+        }
+    }
+
+    #[test]
+    fn recordings_without_checks_are_read_as_ever() {
+        let bytes = recording();
+        let begin = 12 + u32::from_le_bytes(bytes[8..12].try_into().unwrap()) as usize;
+        let old = [&bytes[..begin], b"c\x01\0\0\0\0\0\0\0\0\0\0\0", b"t\x02\0\0\0\0\0\0\0\0\0\0\0"].concat();
+        assert_eq!(read(&old), Some((2, RecordingEnd::Whole)));
+        assert_eq!(read(&old[..old.len() - 1]), Some((1, RecordingEnd::Cut)));
+        let too_long = [&old[..], b"<\x03\0\0\0\0\0\0\0\xFF\xFF\xFF\x7F"].concat();
+        assert_eq!(read(&too_long), Some((2, RecordingEnd::Damaged { at_byte: old.len() as u64 })));
     }
 
     #[test]

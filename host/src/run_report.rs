@@ -7,6 +7,8 @@ use crate::high_slam::HighCounts;
 use crate::log::{LogCounts, LogFormat};
 use crate::map_run::Quality;
 use crate::mapper::MatchCounts;
+use crate::output::RECORDING;
+use crate::recording::RecordingReport;
 use crate::step_table::ParticleSummary;
 
 /// Everything needed to judge and to repeat a run.
@@ -78,6 +80,8 @@ pub enum Source {
         port: String,
         /// What its driver counted.
         laser: LaserCounts,
+        /// What was recorded of it, when the run is over.
+        recording: Option<RecordingCounts>,
     },
     /// A robot that does the SLAM itself.
     Robot {
@@ -86,6 +90,25 @@ pub enum Source {
         /// What it counted, and what of it is not here.
         robot: RobotCounts,
     },
+}
+
+/// What was recorded of a laser.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct RecordingCounts {
+    /// The file; among the results if it has no folder.
+    pub file: String,
+    /// Its size.
+    pub bytes: u64,
+    /// Why it ends before the run did.
+    pub fault: Option<String>,
+}
+
+impl From<&RecordingReport> for RecordingCounts {
+    fn from(report: &RecordingReport) -> Self {
+        let is_among_results = report.path.ends_with(RECORDING);
+        let file = if is_among_results { RECORDING.to_owned() } else { report.path.display().to_string() };
+        Self { file, bytes: report.bytes, fault: report.fault.clone() }
+    }
 }
 
 /// What a robot counted, and what of it did not come here.

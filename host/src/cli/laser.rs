@@ -1,24 +1,48 @@
 //! What the commands with a laser share: its arguments, ctrl-C, and words on the way.
 
 use std::io::Write as _;
-use std::path::PathBuf;
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context as _;
-use clap::Args;
+use clap::builder::PossibleValue;
+use clap::{Args, ValueEnum};
 use lrfslam_core::lrf::sick_lms::Variant;
 
+use super::Failure;
 use crate::driver::{LrfFamily, LrfOptions};
 use crate::link::Address;
-use crate::live::LiveLaser;
+use crate::live::{LiveLaser, NoLaser};
+
+/// `--lrf`: a family, or none, which is to be found out.
+#[derive(Debug, Clone, Copy)]
+struct LrfChoice(Option<LrfFamily>);
+
+impl ValueEnum for LrfChoice {
+    fn value_variants<'a>() -> &'a [Self] {
+        use LrfFamily::{Hokuyo, Ld06, Rplidar, SickLms2xx};
+        const CHOICES: [LrfChoice; 5] = [
+            LrfChoice(Some(SickLms2xx)),
+            LrfChoice(Some(Hokuyo)),
+            LrfChoice(Some(Rplidar)),
+            LrfChoice(Some(Ld06)),
+            LrfChoice(None),
+        ];
+        &CHOICES
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let auto = || PossibleValue::new("auto").help("Found out, with its rate, within 30 s; it is said which it is");
+        self.0.map_or_else(|| Some(auto()), |family| family.to_possible_value())
+    }
+}
 
 /// Which laser, and how it is reached.
 #[derive(Debug, Args)]
 pub(super) struct LaserArgs {
     /// Which protocol it speaks.
     #[arg(long, value_enum)]
-    lrf: LrfFamily,
+    lrf: LrfChoice,
     /// Serial port, such as /dev/ttyUSB0, or tcp:HOST for a Hokuyo with Ethernet.
     #[arg(long, value_name = "DEV")]
     port: Address,
@@ -37,6 +61,13 @@ pub(super) struct LaserArgs {
     /// Known delay of the link, subtracted from every time stamp, milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     latency: f64,
+    /// Wait for the laser as long as it takes.
+    ///
+    /// Otherwise a port that cannot be opened is given up after 10 s, and so is a laser that does not answer; before that it is
+    /// found out whether another one is there, up to 20 s in all, and a SICK, which boots for 15 s, is asked for 10 s more. One
+    /// that answers must scan within 20 s. After the first scan a laser is always waited for.
+    #[arg(long)]
+    wait: bool,
 }
 
 pub(super) fn parse_baud(text: &str) -> Result<u32, String> {
@@ -57,12 +88,19 @@ fn parse_variant(text: &str) -> Result<(u16, u16), String> {
 }
 
 impl LaserArgs {
-    /// The laser that is meant.
-    pub(super) fn live(&self, record: Option<PathBuf>) -> anyhow::Result<LiveLaser> {
-        if self.lrf == LrfFamily::SickLms2xx && self.baud != 0 {
-            let known = [9_600, 19_200, 38_400, 500_000];
+    /// The laser that is meant; not recorded.
+    pub(super) fn live(&self) -> anyhow::Result<LiveLaser> {
+        if self.lrf.0 == Some(LrfFamily::SickLms2xx) {
+            anyhow::ensure!(
+                self.port.has_baud(),
+                "a SICK LMS2xx cannot be reached over TCP: its rate must be changed, and a serial-to-network converter keeps its \
+                 own; connect it to a serial port"
+            );
+            let known = [0, 9_600, 19_200, 38_400, 500_000];
             anyhow::ensure!(known.contains(&self.baud), "a SICK LMS2xx has 9600, 19200, 38400 and 500000 baud");
         }
+        let any_family = self.lrf.0.is_none();
+        anyhow::ensure!(!any_family || self.baud == 0, "--lrf auto finds the rate itself: --baud needs a laser's name");
         let options = LrfOptions {
             baud: self.baud,
             has_baud: self.port.has_baud(),
@@ -70,10 +108,15 @@ impl LaserArgs {
             whole_scans: self.whole_scans,
             cluster: self.cluster,
             latency_us: (self.latency * 1000.0) as i64,
-            ..LrfOptions::new(self.lrf)
+            ..LrfOptions::new(self.lrf.0.unwrap_or(LrfFamily::Hokuyo))
         };
-        Ok(LiveLaser { address: self.port.clone(), options, record })
+        Ok(LiveLaser { any_family, waits: self.wait, ..LiveLaser::new(self.port.clone(), options) })
     }
+}
+
+/// A source of scans that ended with an error: a laser that is not there is a fault on the way, the rest is wrong from the start.
+pub(super) fn source_failure(error: anyhow::Error) -> Failure {
+    if error.is::<NoLaser>() { Failure::Work(error) } else { Failure::Start(error) }
 }
 
 /// A flag that ctrl-C sets; a second one ends the program at once, whose results are whole at any moment.

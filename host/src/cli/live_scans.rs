@@ -7,14 +7,13 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use anyhow::anyhow;
-
 use clap::Args;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::sweep::SpeedLimits;
 use lrfslam_core::time::{Duration, Instant};
 
-use super::laser::say;
+use super::laser::{say, source_failure};
 use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
 use super::summary::summary;
@@ -24,7 +23,7 @@ use crate::driver::HostClock;
 use crate::live::{Item, ScanSource, SourceReport, for_each_scan};
 use crate::map_run::{About, MapRun, RunMemory};
 use crate::output::ResultFolder;
-use crate::run_report::{Ending, LaserCounts, Source};
+use crate::run_report::{Ending, LaserCounts, RecordingCounts, Source};
 
 /// How to map, and when to end by itself.
 #[derive(Debug, Args)]
@@ -55,15 +54,30 @@ pub(super) struct Mapping {
     quiet: bool,
 }
 
-/// Maps every scan of `source` called `name`, and writes and prints what came out.
-pub(super) fn map_live(name: &str, source: &ScanSource, stop: &AtomicBool, args: &Mapping) -> Result<(), Failure> {
+impl Mapping {
+    /// Older results, and an older recording, may go.
+    pub(super) fn overwrites(&self) -> bool {
+        self.out.overwrites()
+    }
+}
+
+/// Maps every scan of a source called `name`, and writes and prints what came out.
+///
+/// * `source` — is told the folder of the results, once it is there
+pub(super) fn map_live(
+    name: &str,
+    source: impl FnOnce(&mut ResultFolder) -> ScanSource,
+    stop: &AtomicBool,
+    args: &Mapping,
+) -> Result<(), Failure> {
     let config = args.particles.load(args.config.as_deref(), &args.set)?;
     let mut memory = RunMemory::new(&config, args.particles.threads());
     let map = MapRun::new(&config, args.seed, &mut memory).map_err(Failure::Start)?;
-    let folder = args.out.folder("run")?;
+    let mut folder = args.out.folder("run")?;
+    let source = source(&mut folder);
     let mut session = Session::new(name, map, folder, &config, args);
-    let done = for_each_scan(source, stop, &mut |item| session.take(item));
-    let report = done.map_err(Failure::Start)?;
+    let done = for_each_scan(&source, stop, &mut |item| session.take(item));
+    let report = done.map_err(source_failure)?;
     session.finish(&report)
 }
 
@@ -161,7 +175,7 @@ impl<'a, 'm> Session<'a, 'm> {
     }
 
     fn about(&self, laser: LaserCounts, ending: Ending) -> About {
-        let source = Source::Laser { port: self.name.to_owned(), laser };
+        let source = Source::Laser { port: self.name.to_owned(), laser, recording: None };
         About { source, odometry: false, ending, fault: self.fault.as_ref().map(|error| format!("{error:#}")) }
     }
 
@@ -176,7 +190,12 @@ impl<'a, 'm> Session<'a, 'm> {
             overrun: report.overrun,
             too_fast: self.watch.too_fast,
         };
-        let about = self.about(laser, if self.fault.is_some() { Ending::Failed } else { Ending::Complete });
+        let input_fault = report.input_fault().map(|fault| anyhow!("{}: {fault}", self.name));
+        self.fault = self.fault.take().or(input_fault);
+        let mut about = self.about(laser, if self.fault.is_some() { Ending::Failed } else { Ending::Complete });
+        if let Source::Laser { recording, .. } = &mut about.source {
+            *recording = report.recording.as_ref().map(RecordingCounts::from);
+        }
         let map = &mut self.map;
         let report = self.folder.save(|stage| map.write_into(stage, &about)).map_err(Failure::Work)?;
         print(&summary(&report, self.folder.named()))?;

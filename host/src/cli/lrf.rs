@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 use lrfslam_core::lrf::driver::Identity;
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 
-use super::laser::{LaserArgs, interrupt_flag, say};
+use super::laser::{LaserArgs, interrupt_flag, say, source_failure};
 use super::{Failure, print};
 use crate::live::{Item, ScanSource, for_each_scan};
 use crate::output::write_file;
@@ -50,7 +50,7 @@ pub(super) fn run(args: &LrfArgs) -> Result<(), Failure> {
 /// Runs the laser until `done` finds what it wants in an item.
 fn until(laser: &LaserArgs, mut done: impl FnMut(&Item<'_>) -> bool) -> Result<bool, Failure> {
     let stop = interrupt_flag().map_err(Failure::Start)?;
-    let source = ScanSource::Live(laser.live(None).map_err(Failure::Start)?);
+    let source = ScanSource::Live(laser.live().map_err(Failure::Start)?);
     let mut found = false;
     let report = for_each_scan(&source, stop, &mut |item| {
         if let Item::Said(text) = &item {
@@ -59,7 +59,7 @@ fn until(laser: &LaserArgs, mut done: impl FnMut(&Item<'_>) -> bool) -> Result<b
         found = found || done(&item);
         if found { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
-    report.map_err(Failure::Work)?;
+    report.map_err(source_failure)?;
     Ok(found)
 }
 

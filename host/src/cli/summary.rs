@@ -23,7 +23,11 @@ pub(super) fn summary(report: &RunReport, out: &Path) -> String {
     push_quality(&mut text, &report.quality);
     let source = match &report.source {
         Source::Log { log, .. } => log_notes(log),
-        Source::Laser { laser, .. } => laser_notes(laser),
+        Source::Laser { laser, recording, .. } => {
+            let ended = recording.as_ref().and_then(|recording| recording.fault.as_ref());
+            let note = ended.map(|why| (true, format!("the recording ends before the run: {why}")));
+            laser_notes(laser).into_iter().chain(note).collect()
+        }
         Source::Robot { robot, .. } => robot_notes(robot),
     };
     for (_, note) in source.into_iter().chain(map_notes(report)).filter(|(applies, _)| *applies) {

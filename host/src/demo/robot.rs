@@ -136,7 +136,7 @@ impl SimulatedRobot {
             DemoLrf::Urg04lxUg01 | DemoLrf::Utm30lx => (LrfFamily::Hokuyo, 0, None),
         };
         let options = LrfOptions { baud, variant, cluster: 1, ..LrfOptions::new(family) };
-        LiveLaser { address: Address::Serial(self.port.display().to_string()), options, record: None }
+        LiveLaser::new(Address::Serial(self.port.display().to_string()), options)
     }
 
     /// Lets the robot drive off, half a second after a scan stamped `stamp`.

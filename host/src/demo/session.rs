@@ -150,7 +150,7 @@ impl<'a, 'm> Session<'a, 'm> {
             overrun: report.overrun,
             too_fast: 0,
         };
-        let source = Source::Laser { port: "simulated".to_owned(), laser };
+        let source = Source::Laser { port: "simulated".to_owned(), laser, recording: None };
         if let Some(fault) = self.fault {
             return Err(fault);
         }

@@ -11,7 +11,7 @@ use std::io;
 use std::str::FromStr;
 use std::time::Duration;
 
-pub use memory::{FarEnd, MemoryLink, memory_pair};
+pub use memory::{FarEnd, MemoryLink, Sent, memory_pair};
 pub use serial::SerialLink;
 pub use tcp::TcpLink;
 

@@ -25,7 +25,7 @@ impl SerialLink {
         let port = serialport::new(path, FIRST_BAUD).timeout(Duration::from_millis(1)).open();
         let port = port.map_err(|error| {
             let error = io::Error::from(error);
-            io::Error::new(error.kind(), format!("{path}: {error}{}", advice(&error)))
+            io::Error::new(error.kind(), format!("{path}: {}", in_words(&error)))
         })?;
         // What came before this moment belongs to nobody.
         let _ = port.clear(ClearBuffer::Input);
@@ -33,12 +33,21 @@ impl SerialLink {
     }
 }
 
-fn advice(error: &io::Error) -> &'static str {
+/// What is wrong with a port, and what to do.
+fn in_words(error: &io::Error) -> String {
+    let text = error.to_string();
     match error.kind() {
-        ErrorKind::PermissionDenied => " (may you use it? on Linux: group dialout)",
-        ErrorKind::NotFound => " (is it plugged in?)",
-        _ if error.to_string().contains("busy") => " (another program has it open)",
-        _ => "",
+        // On another system than Linux the group has another name, or none.
+        ErrorKind::PermissionDenied => format!("{text} (on Linux: sudo usermod -aG dialout $USER, then log in again)"),
+        _ if text.contains("busy") || text.contains("exclusive lock") => {
+            format!("{text} (another program has it open)")
+        }
+        ErrorKind::NotFound => format!("{text} (is it plugged in?)"),
+        // What a file is that is no terminal.
+        _ if text.contains("typewriter") || text.contains("Inappropriate ioctl") || text.contains("directory") => {
+            "this is not a serial port".to_owned()
+        }
+        _ => text,
     }
 }
 

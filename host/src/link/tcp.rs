@@ -20,7 +20,16 @@ impl TcpLink {
     /// # Errors
     /// With the address.
     pub fn open(host: &str) -> io::Result<Self> {
-        let named = |error: io::Error| io::Error::new(error.kind(), format!("{host}: {error}"));
+        let named = |error: io::Error| {
+            let advice = match error.kind() {
+                ErrorKind::ConnectionRefused => " (is this the laser's TCP port?)",
+                ErrorKind::TimedOut | ErrorKind::HostUnreachable | ErrorKind::NetworkUnreachable => {
+                    " (is the laser on, and in this network?)"
+                }
+                _ => "",
+            };
+            io::Error::new(error.kind(), format!("tcp:{host}: {error}{advice}"))
+        };
         let mut last = io::Error::new(ErrorKind::NotFound, format!("{host}: no such host"));
         for address in host.to_socket_addrs().map_err(named)? {
             match TcpStream::connect_timeout(&address, PATIENCE) {

@@ -15,8 +15,11 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context as _, bail, ensure};
 
+/// Name of a laser's recording among the results.
+pub const RECORDING: &str = "laser.rec";
+
 /// Files that grow while a run goes on, and go from set to set.
-const GROWING: [&str; 2] = ["laser.rec", "robot.journal"];
+const GROWING: [&str; 2] = [RECORDING, "robot.journal"];
 
 /// All names that commands give to results: these may be replaced, nothing else.
 const RESULTS: [&str; 29] = [
@@ -62,6 +65,8 @@ pub struct ResultFolder {
     /// Held so that no other run writes here; none where the system has no locks on folders.
     lock: Option<File>,
     is_ours: bool,
+    /// A growing file of the last set that stays.
+    kept: Option<PathBuf>,
     /// When something was last saved, or the run began, and how long that took.
     last_save: (Instant, Duration),
 }
@@ -137,7 +142,15 @@ impl ResultFolder {
         // What a killed run left on its way out.
         retire(&sibling(&whole, "new"), &whole).with_context(unusable)?;
         let last_save = (Instant::now(), Duration::ZERO);
-        Ok(Self { named: place.to_owned(), place: whole.clone(), home: whole, lock, is_ours: false, last_save })
+        Ok(Self {
+            named: place.to_owned(),
+            place: whole.clone(),
+            home: whole,
+            lock,
+            is_ours: false,
+            kept: None,
+            last_save,
+        })
     }
 
     /// Where the results are, or will be, as the user named it.
@@ -149,6 +162,11 @@ impl ResultFolder {
     pub fn growing(&self, name: &str) -> PathBuf {
         debug_assert!(GROWING.contains(&name), "{name} is not among the growing files");
         self.home.join(name)
+    }
+
+    /// The growing file `file` stays if it is among the last results here: the new ones are made of it.
+    pub fn keep(&mut self, file: &Path) {
+        self.kept = fs::canonicalize(file).ok().filter(|file| file.parent() == Some(&self.place));
     }
 
     /// True if the run has gone on for `every` since the last [`save`](Self::save), and for so long that saving hardly costs.
@@ -178,9 +196,11 @@ impl ResultFolder {
     fn publish(&mut self, stage: &Path) -> io::Result<()> {
         let mut unlinked = Vec::new();
         for name in GROWING {
-            let (from, to) = (self.home.join(name), stage.join(name));
+            let (mut from, to) = (self.home.join(name), stage.join(name));
+            let kept = self.kept.as_ref().filter(|kept| kept.ends_with(name) && !from.exists());
+            from = kept.cloned().unwrap_or(from);
             if from.exists() && fs::hard_link(&from, &to).is_err() {
-                unlinked.push((self.home.join(name), name));
+                unlinked.push((from, name));
             }
         }
         sync_folder(stage);
@@ -191,7 +211,7 @@ impl ResultFolder {
         sync_folder(self.place.parent().unwrap_or(Path::new(".")));
         // On a disk without links they follow a moment later.
         for (from, name) in unlinked {
-            let from = if self.home == self.place { stage.join(name) } else { from };
+            let from = if from.starts_with(&self.place) { stage.join(name) } else { from };
             fs::rename(from, self.place.join(name))?;
         }
         retire(stage, &self.place)?;

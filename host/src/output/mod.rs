@@ -4,4 +4,4 @@ mod file;
 mod folder;
 
 pub use file::{PendingFile, write_file};
-pub use folder::{ResultFolder, folder_name};
+pub use folder::{RECORDING, ResultFolder, folder_name};

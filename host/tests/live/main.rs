@@ -5,3 +5,4 @@ mod attach;
 mod common;
 #[cfg(feature = "demo")]
 mod demo;
+mod laser;

@@ -18,6 +18,7 @@ use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
 use lrfslam_firmware_sim::virtual_lrf::{Emission, VirtualLrf};
 use lrfslam_host::driver::{LrfFamily, LrfOptions};
 use lrfslam_host::live::{Item, LiveLaser, ScanSource, SourceReport, for_each_scan};
+use lrfslam_host::recording::RecordPlan;
 use lrfslam_tests::oracle::{self, Seen};
 
 /// A device whose scans are noted as they leave.
@@ -91,7 +92,7 @@ fn run<D: VirtualLrf>(setup: Setup<D>, record: Option<&Path>) -> Outcome {
     std::thread::scope(|scope| {
         let server = scope.spawn(|| serve(&mut device, &link, setup.plan, 5, &mut wall_clock(), &stop_server).unwrap());
         let address = link.display().to_string().parse().unwrap();
-        let laser = LiveLaser { address, options: setup.options, record: record.map(Path::to_owned) };
+        let laser = LiveLaser { record: record.map(RecordPlan::new), ..LiveLaser::new(address, setup.options) };
         let started = WallInstant::now();
         let mut first: Option<WallInstant> = None;
         let source = for_each_scan(&ScanSource::Live(laser), &stop_host, &mut |item| {

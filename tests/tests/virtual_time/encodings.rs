@@ -20,7 +20,7 @@ use lrfslam_core::wire::message::{
 use lrfslam_core::wire::session::{LAYOUT, Packet, Progress, VERSION};
 use lrfslam_core::wire::sweep::SweepPart;
 use lrfslam_host::driver::{LrfFamily, LrfOptions};
-use lrfslam_host::recording::{Entry, Recorder, RecordingHeader, RecordingReader};
+use lrfslam_host::recording::{Entry, RecordPlan, Recorder, RecordingHeader, RecordingReader};
 use lrfslam_host::robot::{Journal, Told};
 
 const RENEW: &str = "LRFSLAM_RENEW_GOLDEN";
@@ -274,7 +274,8 @@ fn recording_header() -> RecordingHeader {
 fn recording() -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.lrfrec");
-    let mut recorder = Recorder::create(&path, &recording_header()).unwrap();
+    let mut recorder = Recorder::new(&RecordPlan::new(&path), recording_header()).unwrap();
+    recorder.begin(LrfFamily::Hokuyo).unwrap();
     let at = Instant::from_micros;
     recorder.input(at(1), Input::Connected).unwrap();
     recorder.sent(at(2), b"QT\n").unwrap();
