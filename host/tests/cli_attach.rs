@@ -2,6 +2,8 @@
 //! own clocks.
 
 mod common;
+#[path = "common/map_server.rs"]
+mod map_server;
 
 use std::fs;
 use std::net::SocketAddr;
@@ -119,6 +121,8 @@ fn a_robot_is_configured_heard_stopped_and_let_go() {
     for name in written.into_iter().chain(["trajectory.tum"]) {
         assert!(names.iter().any(|found| found == name), "{name} is not in {names:?}");
     }
+    let [free, unknown, occupied] = map_server::ServedMap::load(&out.join("robot-map.yaml")).counts();
+    assert!(free > 100 && unknown > 100 && occupied > 20, "{free} {unknown} {occupied}");
     let path = read_trajectory(&out.join("trajectory.tum")).unwrap();
     assert!(path.len() >= 60, "{}", path.len());
     check_path(&path);
