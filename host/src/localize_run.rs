@@ -13,12 +13,17 @@ use serde::Serialize;
 
 use crate::config::RunConfig;
 use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerMemory, Located};
+use crate::occupancy_map::OccupancyMap;
 use crate::output::{PendingFile, write_file};
+use crate::picture::{PictureNotes, write_picture};
 use crate::run_report::{Program, Source};
 use crate::trajectory::TimedPose;
 
 const HEADER: &str =
     "scan,time_s,state,x_m,y_m,heading_deg,sigma_x_m,sigma_y_m,sigma_heading_deg,certainty,on_walls,contradicting\n";
+
+/// Name of the picture.
+const PICTURE: &str = "localization.png";
 
 /// What a localisation was: `run.json`.
 #[derive(Debug, Clone, Serialize)]
@@ -50,6 +55,8 @@ pub struct LocalizeReport {
 #[derive(Debug)]
 pub struct LocalizeRun<'m> {
     localizer: Localizer<'m>,
+    map: &'m KnownMap,
+    poses: Vec<TimedPose>,
     out: PathBuf,
     trajectory_file: PendingFile,
     table: String,
@@ -74,8 +81,8 @@ impl<'m> LocalizeRun<'m> {
         fs::create_dir_all(out).with_context(unusable)?;
         let trajectory_file = PendingFile::create(&out.join("trajectory.tum")).with_context(unusable)?;
         let localizer = Localizer::new(config, seed, map, start, memory)?;
-        let table = HEADER.to_owned();
-        Ok(Self { localizer, out: out.to_owned(), trajectory_file, table, scans: 0, first: None, first_found: None })
+        let (table, poses, out) = (HEADER.to_owned(), Vec::new(), out.to_owned());
+        Ok(Self { localizer, map, poses, out, trajectory_file, table, scans: 0, first: None, first_found: None })
     }
 
     /// Takes the next scan; `None` while the robot has not found itself.
@@ -96,6 +103,7 @@ impl<'m> LocalizeRun<'m> {
                 push_row(&mut self.table, located);
                 let pose = TimedPose { stamp: scan.stamp, map_from_robot: located.map_from_robot };
                 pose.write_tum(&mut self.trajectory_file).with_context(|| cannot_write(&self.out, "trajectory.tum"))?;
+                self.poses.push(pose);
             }
         }
         self.scans += 1;
@@ -130,8 +138,18 @@ impl<'m> LocalizeRun<'m> {
         for (name, text) in [("localization.csv", &self.table), ("run.json", &text)] {
             write_file(&self.out.join(name), text.as_bytes()).with_context(|| cannot_write(&self.out, name))?;
         }
+        draw(self.map, &self.poses, &report, &self.out.join(PICTURE))
+            .with_context(|| cannot_write(&self.out, PICTURE))?;
         Ok(report)
     }
+}
+
+/// The path over the map that it was found in.
+fn draw(map: &KnownMap, poses: &[TimedPose], report: &LocalizeReport, file: &Path) -> std::io::Result<()> {
+    let mut drawn = OccupancyMap::new(report.config.map);
+    map.draw(&mut drawn);
+    let Some(raster) = drawn.raster(report.config.map.picture_px) else { return Ok(()) };
+    write_picture(file, &raster, poses, &PictureNotes::of(&report.source))
 }
 
 fn push_row(table: &mut String, located: &Located) {

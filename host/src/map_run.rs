@@ -24,7 +24,7 @@ use crate::map_io::{PGM_SIDE_MAX, write_map};
 use crate::mapper::{Mapper, MapperMemory, MatchCounts, ParticlePools};
 use crate::occupancy_map::OccupancyMap;
 use crate::output::{PendingFile, write_file};
-use crate::picture::write_picture;
+use crate::picture::{PictureNotes, write_picture};
 use crate::robot::{RobotMap, Sweeps};
 use crate::run_report::{BeamCounts, Cost, Program, RunReport, Source, peak_memory_bytes};
 use crate::saved_map::{self, SavedMap};
@@ -331,7 +331,8 @@ impl<'m, L: LowLevel> Run<'m, L> {
         }
         if let Some(raster) = map.raster(config.map.picture_px) {
             let file = out.join("map.png");
-            write_picture(&file, &raster, &trajectory).with_context(|| cannot_write(&file))?;
+            write_picture(&file, &raster, &trajectory, &PictureNotes::of(&report.source))
+                .with_context(|| cannot_write(&file))?;
         }
         saved.write(&out).with_context(|| cannot_write(&out.join(saved_map::FILE_NAME)))?;
         let file = out.join("run.json");

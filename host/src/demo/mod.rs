@@ -7,6 +7,7 @@
 mod results;
 mod robot;
 mod session;
+mod verdict;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
