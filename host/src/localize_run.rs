@@ -11,12 +11,17 @@ use serde::Serialize;
 
 use crate::config::RunConfig;
 use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerMemory, Located};
+use crate::occupancy_map::OccupancyMap;
 use crate::output::write_file;
+use crate::picture::{PictureNotes, write_picture};
 use crate::run_report::{Ending, Program, Source};
 use crate::trajectory::{TimedPose, write_trajectory};
 
 const HEADER: &str =
     "scan,time_s,state,x_m,y_m,heading_deg,sigma_x_m,sigma_y_m,sigma_heading_deg,certainty,on_walls,contradicting\n";
+
+/// Name of the picture.
+const PICTURE: &str = "localization.png";
 
 /// What a localisation was: `run.json`.
 #[derive(Debug, Clone, Serialize)]
@@ -52,6 +57,7 @@ pub struct LocalizeReport {
 #[derive(Debug)]
 pub struct LocalizeRun<'m> {
     localizer: Localizer<'m>,
+    map: &'m KnownMap,
     path: Vec<TimedPose>,
     table: String,
     scans: u64,
@@ -71,8 +77,8 @@ impl<'m> LocalizeRun<'m> {
         memory: &'m mut LocalizerMemory,
     ) -> anyhow::Result<Self> {
         let localizer = Localizer::new(config, seed, map, start, memory)?;
-        let table = HEADER.to_owned();
-        Ok(Self { localizer, path: Vec::new(), table, scans: 0, first: None, first_found: None })
+        let (table, path) = (HEADER.to_owned(), Vec::new());
+        Ok(Self { localizer, map, path, table, scans: 0, first: None, first_found: None })
     }
 
     /// Takes the next scan; `None` while the robot has not found itself.
@@ -127,8 +133,19 @@ impl<'m> LocalizeRun<'m> {
             let file = folder.join(name);
             write_file(&file, text.as_bytes()).with_context(|| format!("{}: cannot be written", file.display()))?;
         }
+        let picture = folder.join(PICTURE);
+        draw(self.map, &self.path, &report, &picture)
+            .with_context(|| format!("{}: cannot be written", picture.display()))?;
         Ok(report)
     }
+}
+
+/// The path over the map that it was found in.
+fn draw(map: &KnownMap, poses: &[TimedPose], report: &LocalizeReport, file: &Path) -> std::io::Result<()> {
+    let mut drawn = OccupancyMap::new(report.config.map);
+    map.draw(&mut drawn);
+    let Some(raster) = drawn.raster(report.config.map.picture_px) else { return Ok(()) };
+    write_picture(file, &raster, poses, &PictureNotes::of(&report.source))
 }
 
 fn push_row(table: &mut String, located: &Located) {

@@ -2,6 +2,9 @@
 //!
 //! P5 PGM, row 0 on top: free 254, unknown 205, occupied 0. The YAML gives the edge of a pixel (m) and the pose of the
 //! lower left pixel's lower left corner. Source: ROS wiki, map_server, map format ("trinary").
+//!
+//! A pixel x is occupied with p = (255 − x) / 255: above `occupied_thresh` it is a wall, below `free_thresh` it is free.
+//! Unknown 205 has p = 0.19608, so `free_thresh` is 0.196, as ROS's map_saver writes it.
 
 use std::io;
 use std::path::Path;
@@ -29,7 +32,7 @@ pub fn yaml(raster: &Raster, image: &str) -> String {
     let size = raster.pixel_size_m;
     format!(
         "image: {image}\nmode: trinary\nresolution: {size:.6}\norigin: [{x:.6}, {y:.6}, 0.0]\nnegate: 0\n\
-         occupied_thresh: 0.65\nfree_thresh: 0.25\n"
+         occupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
 }
 
@@ -71,5 +74,6 @@ mod tests {
     fn yaml_places_the_lower_left_corner() {
         let text = yaml(&raster(), "map.pgm");
         assert!(text.contains("resolution: 0.050000\norigin: [-1.050000, 2.000000, 0.0]\n"), "{text}");
+        assert!(text.contains("occupied_thresh: 0.65\nfree_thresh: 0.196\n"), "{text}");
     }
 }

@@ -1,11 +1,14 @@
 //! The map as it is drawn: a grid that grows with the area seen and counts, cell by cell, who hit and who passed.
 //!
 //! Data flow: scan and pose of the laser → every ray's cells ([`cells_on_ray`]) → hits and passes per cell →
-//! [`Raster`]: unknown, free or occupied. A hit clears its way and marks its end; a miss clears only the first few
-//! metres, since glass and black walls give misses too; an invalid beam says nothing.
+//! [`Raster`]: unknown, free or occupied. A hit clears its way and marks its end; an invalid beam says nothing.
 //!
-//! Memory: square tiles of 64 × 64 cells, 4 bytes a cell, made where a ray first passes. Counters that would overflow
-//! are halved in pairs, so that their ratio stays.
+//! A miss may have gone through glass, a dark door or off a smooth wall. So it says little: only its first few metres count, up to
+//! the line between the hits beside it where these are near each other; it never counts against hits; and where nothing but misses
+//! went, they must agree from directions apart. What lies behind a pane is looked at from few directions, an open place from many.
+//!
+//! Memory: square tiles of 64 × 64 cells, 6 bytes a cell, made where a ray first passes. Counters that would overflow
+//! are halved in pairs, so that their ratio stays. Results do not depend on the order of the scans, but for that.
 
 use std::collections::HashMap;
 
@@ -20,8 +23,15 @@ lrfslam_core::config! {
         cell_size_m: f32 = 0.05, in 0.005..=1.0;
         /// A hit farther away is not drawn, its ray clears the way up to here, m.
         draw_range_m: f32 = 50.0, in 0.5..=1000.0;
-        /// A beam that saw nothing clears the way this far, m: behind that it may have gone through glass.
+        /// A beam that saw nothing clears the way at most this far, m: behind that it may have gone through glass.
         miss_clears_m: f32 = 3.0, in 0.0..=1000.0;
+        /// Beams that saw nothing between two hits at most this far from each other, m, clear the way up to the line between them: there
+        /// is a pane or a dark door. Larger: wider panes are found, and open doors to wide places are taken for panes more often. 0: none.
+        miss_gap_m: f32 = 2.5, in 0.0..=1000.0;
+        /// Where only beams went that saw nothing, a cell is free if their directions are this far apart, rad, to one part in 16 of a turn.
+        /// Smaller: more free space behind glass and dark doors. Larger: less of wide places that the laser does not reach across.
+        /// 0: one such beam is enough, and it counts against hits as much as any other.
+        miss_apart_rad: f32 = 0.7, in 0.0..=3.1;
         /// A cell is occupied if at least this share of the rays that reached it ended there.
         /// Lower: thicker walls, more ghosts of passers-by. Source: the value GMapping draws with.
         occupied_share: f32 = 0.25, in 0.01..=1.0;
@@ -50,10 +60,16 @@ pub enum Occupancy {
     Occupied,
 }
 
+/// Directions are told apart by so many parts of a turn.
+const SECTORS: u32 = u16::BITS;
+
 #[derive(Debug, Clone, Copy, Default)]
 struct Cell {
     hits: u16,
+    /// Rays that went on to a hit.
     passes: u16,
+    /// Directions of the rays that went on to nothing: a bit for each sector.
+    misses: u16,
 }
 
 impl Cell {
@@ -63,6 +79,36 @@ impl Cell {
             self.passes /= 2;
         }
         *(if hit { &mut self.hits } else { &mut self.passes }) += 1;
+    }
+
+    /// True if misses went this way in directions at least `sectors` apart, the shorter way round.
+    fn misses_agree(self, sectors: u32) -> bool {
+        (sectors..=SECTORS / 2).any(|apart| self.misses & self.misses.rotate_left(apart) != 0)
+    }
+}
+
+/// The bit of a direction, rad.
+fn sector_bit(direction_rad: f32) -> u16 {
+    let sector = (direction_rad * (SECTORS as f32 / std::f32::consts::TAU)).floor() as i64;
+    1 << sector.rem_euclid(i64::from(SECTORS))
+}
+
+/// The hits on both sides of beams that did not hit, lrf frame.
+#[derive(Debug, Clone, Copy)]
+struct Gap {
+    before: Option<Point2>,
+    after: Option<Point2>,
+}
+
+impl Gap {
+    /// From the laser to the line between the two hits along a bearing, m, if they are at most `width_max_m` apart.
+    fn way_to_line_m(&self, bearing_rad: f32, width_max_m: f32) -> Option<f32> {
+        let (from, to) = self.before.zip(self.after)?;
+        let along = to - from;
+        let ahead = Point2::from_polar(1.0, bearing_rad);
+        let cross = |a: Point2, b: Point2| a.x * b.y - a.y * b.x;
+        let way_m = cross(from, along) / cross(ahead, along);
+        (along.norm() <= width_max_m && way_m > 0.0).then_some(way_m)
     }
 }
 
@@ -76,34 +122,61 @@ pub struct OccupancyMap {
     places: HashMap<TileIndex, usize>,
     /// Where the last cell was: the next one is mostly there too.
     last: Option<(TileIndex, usize)>,
+    /// [`MapConfig::miss_apart_rad`] in sectors.
+    miss_sectors: u32,
 }
 
 impl OccupancyMap {
     /// An empty map.
     pub fn new(config: MapConfig) -> Self {
-        Self { config, tiles: Vec::new(), places: HashMap::new(), last: None }
+        let miss_sectors = (config.miss_apart_rad * (SECTORS as f32 / std::f32::consts::TAU)).ceil() as u32;
+        Self { config, tiles: Vec::new(), places: HashMap::new(), last: None, miss_sectors }
     }
 
     /// Draws `scan`, taken by a laser at `map_from_lrf`; a pose that is not finite draws nothing.
     ///
     /// Cost: O(cells that its rays cross).
     pub fn insert(&mut self, scan: &RangeScan<'_>, map_from_lrf: Pose2) {
-        if map_from_lrf.is_finite() {
-            scan.beams.iter().for_each(|beam| self.insert_beam(beam, scan.range_max_m, map_from_lrf));
+        if !map_from_lrf.is_finite() {
+            return;
+        }
+        let is_hit = |beam: &Beam| matches!(beam.echo, Echo::Hit(_));
+        let (mut before, mut rest) = (None, scan.beams);
+        while !rest.is_empty() {
+            let (empty, others) = rest.split_at(rest.iter().position(is_hit).unwrap_or(rest.len()));
+            let (hits, others) = others.split_at(others.iter().position(|beam| !is_hit(beam)).unwrap_or(others.len()));
+            let gap = Gap { before, after: hits.first().and_then(|beam| beam.hit_in_lrf()) };
+            self.insert_misses(empty, scan.range_max_m, gap, map_from_lrf);
+            hits.iter().for_each(|beam| self.insert_hit(beam, map_from_lrf));
+            (before, rest) = (hits.last().and_then(|beam| beam.hit_in_lrf()), others);
         }
     }
 
-    fn insert_beam(&mut self, beam: &Beam, range_max_m: f32, map_from_lrf: Pose2) {
-        let (way_m, hit) = match beam.echo {
-            Echo::Hit(range_m) if range_m <= self.config.draw_range_m => (range_m, true),
-            Echo::Hit(_) => (self.config.draw_range_m, false),
-            Echo::Miss => (self.config.miss_clears_m.min(range_max_m), false),
-            Echo::Invalid => return,
-        };
-        let end = map_from_lrf.transform(Point2::from_polar(way_m, beam.bearing_rad));
+    /// * `empty` — neighbours of which none hit; `gap` — the hits beside them
+    fn insert_misses(&mut self, empty: &[Beam], range_max_m: f32, gap: Gap, map_from_lrf: Pose2) {
+        let MapConfig { cell_size_m, miss_clears_m, miss_gap_m, .. } = self.config;
+        for beam in empty.iter().filter(|beam| beam.echo == Echo::Miss) {
+            // The pane itself is not free.
+            let open_m =
+                gap.way_to_line_m(beam.bearing_rad, miss_gap_m).map_or(f32::INFINITY, |way_m| way_m - cell_size_m);
+            let way_m = miss_clears_m.min(range_max_m).min(open_m).max(0.0);
+            let direction = sector_bit(map_from_lrf.heading + beam.bearing_rad);
+            let end = map_from_lrf.transform(Point2::from_polar(way_m, beam.bearing_rad));
+            for index in cells_on_ray(map_from_lrf.position(), end, cell_size_m) {
+                let counts_as_pass = self.miss_sectors == 0;
+                let cell = self.cell_mut(index);
+                if counts_as_pass { cell.count(false) } else { cell.misses |= direction }
+            }
+        }
+    }
+
+    fn insert_hit(&mut self, beam: &Beam, map_from_lrf: Pose2) {
+        let Echo::Hit(range_m) = beam.echo else { return };
+        let is_drawn = range_m <= self.config.draw_range_m;
+        let end = map_from_lrf.transform(Point2::from_polar(range_m.min(self.config.draw_range_m), beam.bearing_rad));
         let last = CellIndex::containing(end, self.config.cell_size_m);
         for cell in cells_on_ray(map_from_lrf.position(), end, self.config.cell_size_m) {
-            self.cell_mut(cell).count(hit && cell == last);
+            self.cell_mut(cell).count(is_drawn && cell == last);
         }
     }
 
@@ -137,7 +210,8 @@ impl OccupancyMap {
     fn judge(&self, cell: Cell) -> Occupancy {
         let rays = u32::from(cell.hits) + u32::from(cell.passes);
         if rays == 0 || rays < u32::from(self.config.observations_min) {
-            Occupancy::Unknown
+            let is_free = cell.hits == 0 && cell.misses_agree(self.miss_sectors);
+            if is_free { Occupancy::Free } else { Occupancy::Unknown }
         } else if f32::from(cell.hits) >= self.config.occupied_share * rays as f32 {
             Occupancy::Occupied
         } else {
@@ -295,80 +369,4 @@ impl Raster {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use lrfslam_core::time::{Duration, Instant};
-
-    fn config() -> MapConfig {
-        MapConfig { cell_size_m: 0.5, miss_clears_m: 1.0, ..MapConfig::default() }
-    }
-
-    fn insert(map: &mut OccupancyMap, beams: &[(f32, Echo)], pose: Pose2) {
-        let beams: Vec<Beam> = beams
-            .iter()
-            .map(|&(degrees, echo)| Beam { bearing_rad: degrees.to_radians(), offset: Duration::ZERO, echo })
-            .collect();
-        map.insert(&RangeScan { stamp: Instant::default(), range_max_m: 80.0, beams: &beams }, pose);
-    }
-
-    fn picture(map: &OccupancyMap, side_max: u32) -> Vec<String> {
-        let raster = map.raster(side_max).unwrap();
-        let sign = |o: &Occupancy| match o {
-            Occupancy::Unknown => '?',
-            Occupancy::Free => '.',
-            Occupancy::Occupied => '#',
-        };
-        raster.pixels.chunks(raster.width).map(|row| row.iter().map(sign).collect()).collect()
-    }
-
-    #[test]
-    fn hit_clears_its_way_miss_a_little_invalid_nothing() {
-        let mut map = OccupancyMap::new(config());
-        let beams = [(0.0, Echo::Hit(2.0)), (90.0, Echo::Miss), (180.0, Echo::Invalid), (-90.0, Echo::Hit(0.6))];
-        insert(&mut map, &beams, Pose2::new(0.2, 0.2, 0.0));
-        assert_eq!(picture(&map, 100), [".????", ".????", "....#", "#????"]);
-        assert_eq!(map.raster(100).unwrap().origin_m, (0.0, -0.5));
-    }
-
-    #[test]
-    fn far_hit_is_cleared_but_not_drawn() {
-        let mut map = OccupancyMap::new(MapConfig { draw_range_m: 1.0, ..config() });
-        insert(&mut map, &[(0.0, Echo::Hit(30.0))], Pose2::new(0.2, 0.2, 0.0));
-        assert_eq!(picture(&map, 100), ["..."]);
-    }
-
-    #[test]
-    fn passer_by_fades_and_wall_stays() {
-        let mut map = OccupancyMap::new(config());
-        insert(&mut map, &[(0.0, Echo::Hit(1.0))], Pose2::new(0.2, 0.2, 0.0));
-        for _ in 0..70_000 {
-            insert(&mut map, &[(0.0, Echo::Hit(2.0))], Pose2::new(0.2, 0.2, 0.0));
-        }
-        assert_eq!(picture(&map, 100), ["....#"]);
-    }
-
-    #[test]
-    fn large_map_is_drawn_smaller_and_keeps_its_walls() {
-        let mut map = OccupancyMap::new(config());
-        insert(&mut map, &[(0.0, Echo::Hit(9.6)), (90.0, Echo::Hit(4.6))], Pose2::new(-3.3, 0.2, 0.0));
-        let full = map.raster(100).unwrap();
-        let small = map.raster(7).unwrap();
-        assert_eq!((full.width, full.cells_per_pixel()), (20, 1));
-        assert_eq!((small.width <= 7, small.pixels.contains(&Occupancy::Occupied)), (true, true));
-        assert_eq!(small.pixel_size_m, f64::from(small.cells_per_pixel()) * 0.5);
-        let (x, y) = full.position(Point2::new(full.origin_m.0 as f32, full.origin_m.1 as f32));
-        assert_eq!((x, y), (0.0, full.height as f64));
-    }
-
-    #[test]
-    fn places_a_world_apart_do_not_fill_the_memory() {
-        let mut map = OccupancyMap::new(config());
-        for pose in [Pose2::new(-3e8, 0.0, 0.0), Pose2::new(3e8, 3e8, 0.0), Pose2::new(f32::NAN, 0.0, 0.0)] {
-            insert(&mut map, &[(0.0, Echo::Hit(2.0))], pose);
-        }
-        assert!(map.memory_bytes() < 1 << 20);
-        let raster = map.raster(2000).unwrap();
-        assert!(raster.width <= 2000 && raster.height <= 2000);
-        assert!(OccupancyMap::new(config()).raster(10).is_none());
-    }
-}
+mod tests;

@@ -259,7 +259,8 @@ fn write_results(args: &CloudArgs, folder: &Path, points: &[CloudPoint], report:
     let low = |point: &&CloudPoint| f64::from(point.position.z) <= look.cut_above;
     let shown: Vec<CloudPoint> = points.iter().filter(low).copied().collect();
     let view = CloudView { azimuth_deg: look.azimuth, elevation_deg: look.elevation, side: look.side as usize };
-    let picture = cloud_png(&look.colour.apply(&shown), &view).context("cloud.png cannot be drawn")?;
+    let scale = look.colour.scale(&shown);
+    let picture = cloud_png(&look.colour.apply(&shown), &view, scale.as_ref()).context("cloud.png cannot be drawn")?;
     for (name, bytes) in [("cloud.png", picture.as_slice()), ("cloud.json", report.as_bytes())] {
         write_file(&named(name), bytes).with_context(|| format!("{}: cannot be written", named(name).display()))?;
     }

@@ -22,7 +22,7 @@ use crate::saved_map::SavedMap;
 /// Find and track the robot in a map that was made before; the map is not changed.
 ///
 /// Written are trajectory.tum (the robot's pose in the map for every scan at which it is known), localization.csv (for every scan: pose, standard
-/// deviations, and the probability that the position is right) and run.json.
+/// deviations, and the probability that the position is right), localization.png (the path over the map) and run.json.
 #[derive(Debug, Args)]
 pub(super) struct LocalizeArgs {
     /// The log; - reads it from standard input.

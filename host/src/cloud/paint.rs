@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 use super::CloudPoint;
-use crate::picture::colour_at;
+use crate::picture::{ColourScale, colour_at};
 
 /// What the colour of a point tells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
@@ -29,20 +29,37 @@ pub struct ColouredPoint {
 impl Paint {
     /// `points` with their colours, in the same order.
     pub fn apply(self, points: &[CloudPoint]) -> Vec<ColouredPoint> {
-        let value = |point: &CloudPoint| match self {
-            Self::Height => f64::from(point.position.z),
-            Self::Time => point.stamp.as_secs_f64(),
-        };
-        let mut sorted: Vec<f64> = points.iter().map(value).collect();
-        sorted.sort_by(f64::total_cmp);
-        let cut = if self == Self::Height { sorted.len() / 100 } else { 0 };
-        let (Some(&low), Some(&high)) = (sorted.get(cut), sorted.iter().rev().nth(cut)) else { return Vec::new() };
+        let Some([low, high]) = self.ends(points) else { return Vec::new() };
         let span = (high - low).max(1e-9);
         let coloured = |point: &CloudPoint| ColouredPoint {
             position: point.position,
-            colour: colour_at((value(point) - low) / span),
+            colour: colour_at((self.value(point) - low) / span),
         };
         points.iter().map(coloured).collect()
+    }
+
+    /// What the colours of `points` stand for: heights in m, or s since the first; `None` without points.
+    pub fn scale(self, points: &[CloudPoint]) -> Option<ColourScale> {
+        let [first, last] = self.ends(points)?;
+        Some(match self {
+            Self::Height => ColourScale { name: "height", unit: "m", first, last },
+            Self::Time => ColourScale { name: "time", unit: "s", first: 0.0, last: last - first },
+        })
+    }
+
+    fn value(self, point: &CloudPoint) -> f64 {
+        match self {
+            Self::Height => f64::from(point.position.z),
+            Self::Time => point.stamp.as_secs_f64(),
+        }
+    }
+
+    /// The values of the first and the last colour.
+    fn ends(self, points: &[CloudPoint]) -> Option<[f64; 2]> {
+        let mut sorted: Vec<f64> = points.iter().map(|point| self.value(point)).collect();
+        sorted.sort_by(f64::total_cmp);
+        let cut = if self == Self::Height { sorted.len() / 100 } else { 0 };
+        Some([*sorted.get(cut)?, *sorted.iter().rev().nth(cut)?])
     }
 }
 
@@ -62,5 +79,8 @@ mod tests {
         assert!(red[0] > red[2] && blue[2] > blue[0]);
         assert_eq!([by_time[0].colour, by_time[1].colour], [blue, red]);
         assert!(Paint::Time.apply(&[]).is_empty());
+        let scale = |paint: Paint| paint.scale(&points).map(|scale| (scale.name, scale.unit, scale.first, scale.last));
+        assert_eq!(scale(Paint::Height), Some(("height", "m", 0.0, 2.0)));
+        assert_eq!((scale(Paint::Time), Paint::Time.scale(&[])), (Some(("time", "s", 0.0, 5.0)), None));
     }
 }

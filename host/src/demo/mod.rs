@@ -7,6 +7,7 @@
 mod results;
 mod robot;
 mod session;
+mod verdict;
 
 use anyhow::{Result, anyhow};
 use lrfslam_firmware_sim::scenario::Scenario;

@@ -1,4 +1,6 @@
 //! What is left of a demonstration: the path over the truth, the cloud, and the errors of both.
+//!
+//! All files are in the map's frame, that of `trajectory.tum` and `map.pgm`; it is the truth that is moved, by the best rigid motion.
 
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
@@ -13,10 +15,10 @@ use lrfslam_host::cloud::{
     Cloud, CloudPoint, EdgeFilter, Paint, Projection, TiltMounting, Track, planar, thin, write_pcd, write_ply,
 };
 use lrfslam_host::config::RunConfig;
-use lrfslam_host::evaluation::{Statistics, TruthReport, alignment, evaluate_truth};
+use lrfslam_host::evaluation::{Statistics, alignment, evaluate_in_frame};
 use lrfslam_host::occupancy_map::OccupancyMap;
 use lrfslam_host::output::{PendingFile, write_file};
-use lrfslam_host::picture::{CloudView, cloud_png, png_over_truth};
+use lrfslam_host::picture::{CloudView, PictureNotes, cloud_png, write_picture};
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::run_report::Source;
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
@@ -24,6 +26,7 @@ use nalgebra::Isometry3;
 
 use super::robot::SimulatedRobot;
 use super::session::{DriveRecord, KeptScan};
+use super::verdict::{Errors, verdict};
 
 /// Poses belong together if their stamps are the same, to the microsecond that is written.
 const SAME: Duration = Duration::from_micros(2);
@@ -45,19 +48,37 @@ pub fn write(
     out: &Path,
 ) -> Result<String> {
     let poses = read_trajectory(&out.join("trajectory.tum"))?;
-    let truth = truth(robot, &drive.level);
+    let truth_in_world = truth(robot, &drive.level);
+    let world_from_map = alignment(&poses, &truth_in_world, SAME)?;
+    let truth = moved(&truth_in_world, world_from_map.between(PoseF64::default()));
     write_truth(&out.join("truth.tum"), &truth)?;
-    let path_errors = evaluate_truth(&poses, &truth, SAME, 10.0)?;
-    // Map and building have frames of their own; as with every path, the best rigid motion between them is taken out.
-    let world_from_map = alignment(&poses, &truth, SAME)?;
-    let path = in_world(&poses, world_from_map);
-    write_path_picture(&out.join("path.png"), config, robot, drive, &path, &truth)?;
-    let cloud = cloud(robot, drive, &path);
+    write_path_picture(&out.join("path.png"), config, (robot, drive), &poses, &truth)?;
+    let cloud = cloud(robot, drive, &poses);
     write_cloud(out, &cloud)?;
-    let table = table(args, &path_errors, &cloud, &distances(&robot.scenario.world, &cloud), drive);
+    let distances = distances(&robot.scenario.world, &cloud, world_from_map);
+    let aligned = evaluate_in_frame(&poses, &truth, SAME, 10.0)?;
+    let errors = Errors {
+        path_m: aligned.absolute_m,
+        path_deg: aligned.absolute_deg,
+        from_start_m: evaluate_in_frame(&poses, &from_start(&poses, &truth), SAME, 10.0)?.absolute_m,
+        cloud_m: Statistics::of(&distances),
+        cloud_near: share_within(&distances, NEAR_M),
+    };
+    let verdict = verdict(&errors, &poses, &truth);
+    let text = format!("{}\n{verdict}\n", table(args, &errors, &cloud, distances.len(), drive));
     let file = out.join("errors.md");
-    write_file(&file, table.as_bytes()).with_context(|| cannot_write(&file))?;
-    Ok(table)
+    write_file(&file, text.as_bytes()).with_context(|| cannot_write(&file))?;
+    Ok(text)
+}
+
+/// The truth, moved so that it begins where the path does.
+fn from_start(poses: &[TimedPose], truth: &[TimedPose]) -> Vec<TimedPose> {
+    let first = |path: &[TimedPose]| path.first().map_or(PoseF64::default(), |pose| pose.map_from_robot.into());
+    moved(truth, first(poses).then(first(truth).between(PoseF64::default())))
+}
+
+fn share_within(distances: &[f64], limit_m: f64) -> f64 {
+    distances.iter().filter(|distance| **distance <= limit_m).count() as f64 / distances.len().max(1) as f64
 }
 
 fn cannot_write(file: &Path) -> String {
@@ -80,12 +101,13 @@ fn truth(robot: &SimulatedRobot, scans: &[KeptScan]) -> Vec<TimedPose> {
     scans.iter().map(|kept| pose(kept.scan())).collect()
 }
 
-fn in_world(poses: &[TimedPose], world_from_map: PoseF64) -> Vec<TimedPose> {
+/// `path` in a frame in which its own is at `motion`.
+fn moved(path: &[TimedPose], motion: PoseF64) -> Vec<TimedPose> {
     let moved = |pose: &TimedPose| TimedPose {
-        map_from_robot: world_from_map.then(PoseF64::from(pose.map_from_robot)).to_f32(),
+        map_from_robot: motion.then(PoseF64::from(pose.map_from_robot)).to_f32(),
         ..*pose
     };
-    poses.iter().map(moved).collect()
+    path.iter().map(moved).collect()
 }
 
 fn write_truth(file: &Path, truth: &[TimedPose]) -> Result<()> {
@@ -97,12 +119,11 @@ fn write_truth(file: &Path, truth: &[TimedPose]) -> Result<()> {
     write().with_context(|| cannot_write(file))
 }
 
-/// The map drawn in the building's frame from the path as it came out, and the path over the true one.
+/// The map drawn from the path as it came out, and the path over the true one.
 fn write_path_picture(
     file: &Path,
     config: &RunConfig,
-    robot: &SimulatedRobot,
-    drive: &DriveRecord,
+    (robot, drive): (&SimulatedRobot, &DriveRecord),
     path: &[TimedPose],
     truth: &[TimedPose],
 ) -> Result<()> {
@@ -111,8 +132,8 @@ fn write_path_picture(
         map.insert(&scan.scan(), pose.map_from_robot * robot.robot_from_lrf());
     }
     let Some(raster) = map.raster(config.map.picture_px) else { return Ok(()) };
-    let picture = png_over_truth(&raster, path, truth).with_context(|| cannot_write(file))?;
-    write_file(file, &picture).with_context(|| cannot_write(file))
+    let notes = PictureNotes { truth, has_times: true };
+    write_picture(file, &raster, path, &notes).with_context(|| cannot_write(file))
 }
 
 fn cloud(robot: &SimulatedRobot, drive: &DriveRecord, path: &[TimedPose]) -> Cloud {
@@ -143,7 +164,8 @@ fn write_cloud(out: &Path, cloud: &Cloud) -> Result<()> {
     let low: Vec<CloudPoint> = points.into_iter().filter(|point| point.position.z < CUT_M).collect();
     let view = CloudView { azimuth_deg: 250.0, elevation_deg: 40.0, side: 1400 };
     let file = out.join("cloud.png");
-    let picture = cloud_png(&Paint::Height.apply(&low), &view).with_context(|| cannot_write(&file))?;
+    let scale = Paint::Height.scale(&low);
+    let picture = cloud_png(&Paint::Height.apply(&low), &view, scale.as_ref()).with_context(|| cannot_write(&file))?;
     write_file(&file, &picture).with_context(|| cannot_write(&file))
 }
 
@@ -155,45 +177,54 @@ fn write_points(file: &Path, write: impl Fn(&mut PendingFile) -> io::Result<()>)
 }
 
 /// From each point to the nearest true surface, m.
-fn distances(world: &World, cloud: &Cloud) -> Vec<f64> {
+fn distances(world: &World, cloud: &Cloud, world_from_map: PoseF64) -> Vec<f64> {
+    let world_from_map = planar(world_from_map);
     let stride = cloud.points.len().div_ceil(JUDGED_MAX).max(1);
-    let distance = |point: &CloudPoint| world.distance_m(&Vector::from(point.position.cast::<f64>().coords));
+    let distance =
+        |point: &CloudPoint| world.distance_m(&Vector::from((world_from_map * point.position.cast::<f64>()).coords));
     cloud.points.iter().step_by(stride).map(distance).collect()
 }
 
 /// The errors, as Markdown.
-fn table(args: &DemoArgs, path: &TruthReport, cloud: &Cloud, distances: &[f64], drive: &DriveRecord) -> String {
+fn table(args: &DemoArgs, errors: &Errors, cloud: &Cloud, judged: usize, drive: &DriveRecord) -> String {
     let mut text = String::new();
-    let (driven_s, surface) = (drive.report.cost.driven_s, Statistics::of(distances));
-    let within =
-        distances.iter().filter(|distance| **distance <= NEAR_M).count() as f64 / distances.len().max(1) as f64;
     let mut row = |name: &str, errors: &Statistics, unit: f64, wanted: &str| {
         let [mean, rmse, median, max] = [errors.mean, errors.rmse, errors.median, errors.max].map(|e| e * unit);
         // Writing to a string cannot fail.
         let _ = writeln!(text, "| {name} | {mean:.2} | {rmse:.2} | {median:.2} | {max:.2} | {wanted} |");
     };
-    row("path, position, cm", &path.absolute_m, 100.0, "RMSE ≤ 3");
-    row("path, heading, degrees", &path.absolute_deg, 1.0, "RMSE ≤ 0.3");
-    row("cloud to true surface, cm", &surface, 100.0, "");
+    row("path, position, best aligned, cm", &errors.path_m, 100.0, "RMSE ≤ 3");
+    row("path, heading, best aligned, degrees", &errors.path_deg, 1.0, "RMSE ≤ 0.3");
+    row("path, position, counted from its start, cm", &errors.from_start_m, 100.0, "");
+    row("cloud to true surface, cm", &errors.cloud_m, 100.0, "");
     let lost = match &drive.report.source {
         Source::Laser { laser, .. } => format!("{} damaged, {} not mapped in time", laser.damaged, laser.overrun),
         Source::Robot { .. } | Source::Log { .. } => String::new(),
     };
     format!(
-        "Laser {:?}, world {}, seed {}: {} scans mapped in {driven_s:.0} s, {} tilted; {lost}.\n\n\
+        "Laser {:?}, world {}, seed {}: {} scans mapped in {:.0} s, {} tilted; {lost}; {}.\n\n\
          | error | mean | RMSE | median | max | wanted |\n| --- | --- | --- | --- | --- | --- |\n{text}\n\
-         {:.1} % of {} cloud points lie within {:.0} cm of a true surface (wanted: 95 %); {} mixed pixels were taken out of {} hits.\n",
+         {:.1} % of {judged} cloud points lie within {:.0} cm of a true surface (wanted: 95 %); {} mixed pixels were taken out of {} hits.\n",
         args.lrf,
         args.world,
         args.seed,
         drive.level.len(),
+        drive.report.cost.driven_s,
         drive.tilted.len(),
-        within * 100.0,
-        distances.len(),
+        loops(drive),
+        errors.cloud_near * 100.0,
         NEAR_M * 100.0,
         cloud.counts.mixed,
         cloud.counts.hits,
     )
+}
+
+fn loops(drive: &DriveRecord) -> String {
+    match drive.report.high.map_or(0, |high| high.closures) {
+        0 => "no loop closed".to_owned(),
+        1 => "1 loop closed".to_owned(),
+        count => format!("{count} loops closed"),
+    }
 }
 
 #[cfg(test)]

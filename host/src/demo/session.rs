@@ -123,7 +123,11 @@ impl<'a, 'm> Session<'a, 'm> {
         let now = match map_from_robot {
             Some(pose) => {
                 let error = truth.between(self.world_from_map.then(pose));
-                format!("{:.1} cm and {:.2}° off", error.distance_m() * 100.0, error.heading.abs().to_degrees())
+                format!(
+                    "{:.1} cm and {:.2}° off since the start",
+                    error.distance_m() * 100.0,
+                    error.heading.abs().to_degrees()
+                )
             }
             None => format!("tilted by {:.0}°", self.robot.scenario.drive().tilt().tilt_rad(driven).to_degrees()),
         };

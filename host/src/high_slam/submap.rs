@@ -42,7 +42,9 @@ pub struct Agreement {
 impl Submap {
     /// The map of some scans of `store`, each with its pose in the submap's frame; hits farther than `range_max_m` are left out.
     pub fn new(scans: impl Iterator<Item = (Pose2, u32)>, store: &ScanStore, range_max_m: f32) -> Self {
-        let config = MapConfig { cell_size_m: SQUARE_M, draw_range_m: range_max_m, ..MapConfig::default() };
+        // What is drawn for people and planners has no say in what loops are closed by.
+        let any_miss = MapConfig { miss_apart_rad: 0.0, miss_gap_m: 0.0, ..MapConfig::default() };
+        let config = MapConfig { cell_size_m: SQUARE_M, draw_range_m: range_max_m, ..any_miss };
         let mut squares = OccupancyMap::new(config);
         let mut voxels: BTreeMap<(i32, i32), (Point2, f32)> = BTreeMap::new();
         let mut beams: Vec<Beam> = Vec::new();

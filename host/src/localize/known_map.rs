@@ -6,6 +6,7 @@ use crate::config::RunConfig;
 use crate::high_slam::correlation::{CorrelationGrid, SearchWindow};
 use crate::high_slam::submap::Submap;
 use crate::high_slam::{HighSlam, SavedPathError};
+use crate::occupancy_map::OccupancyMap;
 use crate::saved_map::SavedMap;
 
 /// Scans so far apart, m, or so far turned, rad, tell where the walls are.
@@ -37,6 +38,11 @@ impl KnownMap {
     /// Where the robot was last when the map was made.
     pub fn last_pose(&self) -> Pose2 {
         self.high.trajectory().last().map_or(Pose2::IDENTITY, |pose| pose.map_from_robot)
+    }
+
+    /// Draws its scans.
+    pub fn draw(&self, map: &mut OccupancyMap) {
+        self.high.draw(map);
     }
 
     pub(super) fn walls(&self) -> &Submap {

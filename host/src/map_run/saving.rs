@@ -11,7 +11,7 @@ use crate::high_slam::HighSlam;
 use crate::map_io::{PGM_SIDE_MAX, write_map};
 use crate::occupancy_map::OccupancyMap;
 use crate::output::write_file;
-use crate::picture::write_picture;
+use crate::picture::{PictureNotes, write_picture};
 use crate::run_report::{Cost, Ending, Program, RunReport, Source, peak_memory_bytes};
 use crate::saved_map::{self, SavedMap};
 use crate::trajectory::{TimedPose, write_trajectory};
@@ -46,7 +46,8 @@ impl<L: LowLevel> Run<'_, L> {
         }
         if let Some(raster) = map.raster(self.config.map.picture_px) {
             let file = folder.join("map.png");
-            write_picture(&file, &raster, &trajectory).with_context(|| cannot_write(&file))?;
+            write_picture(&file, &raster, &trajectory, &PictureNotes::of(&about.source))
+                .with_context(|| cannot_write(&file))?;
         }
         let size_m = raster.map(|raster| [raster.width, raster.height].map(|side| side as f64 * raster.pixel_size_m));
         let quality = self.quality(&trajectory, size_m);

@@ -6,7 +6,7 @@ use std::io;
 use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::canvas::Canvas;
-use super::{FOOTER, FREE, MARGIN, WIDTH_MIN, draw_scale_bar, encode};
+use super::{FOOTER, FOOTER_ROWS, FREE, MARGIN, OCCUPIED, WIDTH_MIN, draw_colours, draw_scale_bar, encode};
 use crate::cloud::ColouredPoint;
 
 /// From where a cloud is seen, and how large.
@@ -20,16 +20,31 @@ pub struct CloudView {
     pub side: usize,
 }
 
+/// What the first and the last colour of a cloud stand for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ColourScale {
+    /// What is told by colour.
+    pub name: &'static str,
+    /// Of its ends.
+    pub unit: &'static str,
+    /// The value of the first colour.
+    pub first: f64,
+    /// The value of the last one.
+    pub last: f64,
+}
+
 /// Smallest and largest of each coordinate on the screen.
 type Extent = [(f64, f64); 2];
 
 /// The picture as the bytes of a PNG file.
 ///
+/// * `scale` — what the colours stand for, told in the footer
+///
 /// The farthest half hundredth of the points to each side may lie outside: a few stray hits must not make the rest tiny.
 ///
 /// # Errors
 /// If encoding fails.
-pub fn cloud_png(points: &[ColouredPoint], view: &CloudView) -> io::Result<Vec<u8>> {
+pub fn cloud_png(points: &[ColouredPoint], view: &CloudView, scale: Option<&ColourScale>) -> io::Result<Vec<u8>> {
     let mut dots = seen(points, view);
     let [(left, right), (low, high)] = extent(&dots);
     let (width_m, height_m) = ((right - left).max(0.1), (high - low).max(0.1));
@@ -49,6 +64,14 @@ pub fn cloud_png(points: &[ColouredPoint], view: &CloudView) -> io::Result<Vec<u
         }
     }
     draw_scale_bar(&mut canvas, 1.0 / per_metre);
+    if let Some(ColourScale { name, unit, first, last }) = scale {
+        // Adding zero takes the sign from what is rounded to it.
+        let ends = [first, last].map(|end| format!("{:.1} {unit}", (end * 10.0).round() / 10.0 + 0.0));
+        draw_colours(&mut canvas, ends.each_ref().map(String::as_str));
+        let left = canvas.width().saturating_sub(MARGIN + Canvas::text_width(2, name));
+        let y = canvas.height() - FOOTER + FOOTER_ROWS[1];
+        canvas.text(left, y - 7, 2, name, OCCUPIED);
+    }
     encode(&canvas)
 }
 
@@ -88,7 +111,7 @@ mod tests {
     const VIEW: CloudView = CloudView { azimuth_deg: 0.0, elevation_deg: 0.0, side: 500 };
 
     fn pixels(points: &[ColouredPoint], view: &CloudView) -> (usize, Vec<[u8; 3]>) {
-        let bytes = cloud_png(points, view).unwrap();
+        let bytes = cloud_png(points, view, None).unwrap();
         let mut reader = png::Decoder::new(io::Cursor::new(bytes)).read_info().unwrap();
         let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
         let info = reader.next_frame(&mut pixels).unwrap();
@@ -124,8 +147,22 @@ mod tests {
 
     #[test]
     fn nothing_and_nonsense_are_drawn_too() {
-        assert!(cloud_png(&[], &VIEW).is_ok());
+        assert!(cloud_png(&[], &VIEW, None).is_ok());
         let points = [point(f32::NAN, 0.0, 0.0, [0; 3]), point(1e30, -1e30, 0.0, [0; 3])];
-        assert!(cloud_png(&points, &VIEW).is_ok());
+        assert!(cloud_png(&points, &VIEW, None).is_ok());
+    }
+
+    #[test]
+    fn the_colours_are_told_where_there_is_a_scale() {
+        let points = [point(0.0, 0.0, 0.0, [0, 0, 0]), point(0.0, 1.0, 2.0, [0, 0, 0])];
+        let scale = ColourScale { name: "height", unit: "m", first: -0.5, last: 2.0 };
+        let coloured = |scale| {
+            let bytes = cloud_png(&points, &VIEW, scale).unwrap();
+            let mut reader = png::Decoder::new(io::Cursor::new(bytes)).read_info().unwrap();
+            let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+            reader.next_frame(&mut pixels).unwrap();
+            [0.0, 0.5].map(|share| pixels.chunks(3).any(|pixel| pixel == crate::picture::colour_at(share)))
+        };
+        assert_eq!((coloured(Some(&scale)), coloured(None)), ([true; 2], [false; 2]));
     }
 }

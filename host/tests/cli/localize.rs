@@ -74,6 +74,7 @@ fn a_robot_finds_itself_and_only_in_the_right_map() {
     assert_eq!((&found["localisation"]["found"], &found["localisation"]["lost"]), (&1.into(), &0.into()));
     let apart = farthest_apart(&folder.join("found/trajectory.tum"), &folder.join("all/trajectory.tum"));
     assert!(apart < RIGHT_M, "{apart} m");
+    assert!(fs::read(folder.join("found/localization.png")).unwrap().starts_with(b"\x89PNG"));
     let table = fs::read_to_string(folder.join("found/localization.csv")).unwrap();
     assert_eq!(table.lines().count(), 1 + lines.len() - 300);
     assert!(table.lines().nth(1).unwrap().contains(",searching,"), "nothing is known at the first scan");

@@ -3,10 +3,12 @@
 mod bad_input;
 mod cloud;
 mod common;
+mod drawn_maps;
 #[cfg(feature = "experiments")]
 mod experiment;
 mod keeps;
 mod left_out;
 mod localize;
+mod map_server;
 mod real_logs;
 mod results;

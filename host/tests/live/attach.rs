@@ -120,6 +120,8 @@ fn a_robot_is_configured_heard_stopped_and_let_go() {
     for name in written.into_iter().chain(["trajectory.tum"]) {
         assert!(names.iter().any(|found| found == name), "{name} is not in {names:?}");
     }
+    let [free, unknown, occupied] = crate::map_server::ServedMap::load(&out.join("robot-map.yaml")).counts();
+    assert!(free > 100 && unknown > 100 && occupied > 20, "{free} {unknown} {occupied}");
     let path = read_trajectory(&out.join("trajectory.tum")).unwrap();
     assert!(path.len() >= 60, "{}", path.len());
     check_path(&path);

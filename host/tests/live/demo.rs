@@ -36,11 +36,17 @@ fn demo_maps_a_room_live_and_judges_itself() {
         line.split('|').nth(column).unwrap().trim().parse().unwrap()
     };
     // Wider than what is reached: the machine may be busy, and stamps with it.
-    assert!(number("path, position", 3) < 3.0 && number("path, heading", 3) < 0.5, "{table}");
+    assert!(number("path, position, best aligned", 3) < 3.0 && number("path, heading", 3) < 0.5, "{table}");
     assert!(number("cloud to true surface", 3) < 3.0, "{table}");
     let within: f64 =
         table.lines().find(|line| line.contains("% of")).unwrap().split(' ').next().unwrap().parse().unwrap();
     assert!(within > 95.0, "{table}");
+    assert!(table.contains("no loop closed") && table.contains("\nVerdict: "), "{table}");
+    // All is in the map's frame: the truth as it was written is as far from the path as the table says.
+    let same_frame = ["eval", "out/trajectory.tum", "--truth", "out/truth.tum", "--same-frame", "--json"];
+    let report: serde_json::Value = serde_json::from_str(&run(folder.path(), &same_frame).1).unwrap();
+    let rmse_cm = report["absolute_m"]["rmse"].as_f64().unwrap() * 100.0;
+    assert!((rmse_cm - number("path, position, best aligned", 3)).abs() < 0.02, "{rmse_cm} {table}");
 }
 
 #[test]

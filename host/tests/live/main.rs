@@ -6,3 +6,5 @@ mod common;
 #[cfg(feature = "demo")]
 mod demo;
 mod laser;
+#[path = "../cli/map_server.rs"]
+mod map_server;
