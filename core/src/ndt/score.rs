@@ -261,6 +261,7 @@ impl Sums {
     }
 
     /// `share` of the sums, with a cell's side in m.
+    #[inline(never)]
     fn linearisation(&self, share: f32, cell_size_m: f32) -> Linearisation {
         let per_m = 1.0 / cell_size_m;
         let lengths = Vector3::new(per_m, per_m, 1.0);
@@ -276,6 +277,7 @@ impl Sums {
 }
 
 /// A symmetric matrix of [`Sums`] per m and rad instead of cells.
+#[inline(never)]
 fn in_si([xx, xy, xh, yy, yh, hh]: [f32; 6], cell_size_m: f32) -> Matrix3<f32> {
     let per_m = 1.0 / cell_size_m;
     let lengths = Vector3::new(per_m, per_m, 1.0);
@@ -298,6 +300,7 @@ struct Run<'a> {
 }
 
 impl<'a> Runs<'a> {
+    #[inline(never)]
     fn add(&mut self, layer: u32, gaussian: &'a Gaussian, slope: [f32; 3]) {
         let Some(run) = self.open.get_mut(layer as usize) else { return };
         if !run.cell.is_some_and(|cell| core::ptr::eq(cell, gaussian)) {
@@ -310,6 +313,7 @@ impl<'a> Runs<'a> {
 }
 
 impl Run<'_> {
+    #[inline(never)]
     fn close(&mut self, scatter: &mut [f32; 6]) {
         let [x, y, h] = core::mem::take(&mut self.slope);
         scatter.iter_mut().zip([x * x, x * y, x * h, y * y, y * h, h * h]).for_each(|(sum, term)| *sum += term);
