@@ -13,6 +13,7 @@ use crate::de::{self, Bounds, DeConfig, Member};
 use crate::geometry::{Point2, Pose2};
 use crate::math::{hypot, sin_cos, wrap_angle};
 use crate::ndt::{Linearisation, NdtGrid, SHARP_M};
+use covariance::{NOTHING_KNOWN, covariance};
 
 /// Most points that `search_points` can ask for.
 const SEARCH_POINTS_MAX: usize = 256;
@@ -93,7 +94,8 @@ pub struct Match {
     pub generations: u16,
     /// True if the fitness fell below DE's `stop_fitness`.
     pub converged: bool,
-    /// Covariance of (x, y, heading), map frame; m², m rad, rad².
+    /// Covariance of (x, y, heading), map frame; m², m rad, rad². Of the match against its reference: not of the reference's own
+    /// place, nor of a match at a wrong optimum.
     pub covariance: Matrix3<f32>,
     /// How much the scene says about its least determined axis, 0 (nothing) to 0.5; see [`NdtGrid::constraint`].
     pub constraint: f32,
@@ -237,9 +239,16 @@ impl<'m> ScanMatcher<'m> {
         pose: Pose2,
         outcome: &de::Outcome<3>,
     ) -> Match {
-        let at = objective.ndt.linearise(objective.points, pose);
+        let (at, scatter) = objective.ndt.linearise_with_scatter(objective.points, pose);
         let count = objective.points.len().max(1) as f32;
         let (axis, constraint) = self.weakest_axis(objective, pose);
+        let undetermined = (constraint < self.config.constraint_min).then_some(axis);
+        let mut covariance = covariance(&at, &scatter);
+        if let Some(axis) = undetermined {
+            // Cells cut a smooth wall up and make an optimum where the scene has none: what the scene says is all there is.
+            let along = Vector3::new(axis.x, axis.y, 0.0);
+            covariance += along * along.transpose() * self.variance_along(constraint, objective).min(NOTHING_KNOWN);
+        }
         Match {
             map_from_robot: pose,
             score: at.score,
@@ -247,30 +256,33 @@ impl<'m> ScanMatcher<'m> {
             fitness: prediction.score_expected - at.score,
             generations: outcome.generations,
             converged: outcome.converged,
-            covariance: covariance(&at.information),
+            covariance,
             constraint,
-            undetermined: (constraint < self.config.constraint_min).then_some(axis),
+            undetermined,
         }
     }
 
     /// Draws `pose` towards the prediction along the weakest axis, the more the less the scene says about it.
     ///
-    /// A Kalman update on that axis: the prediction has the prior's variance, the match that of a wall (4 cm) over the
-    /// number of points that speak about the axis, which is far too optimistic for very few points and therefore raised by
-    /// (`constraint_trusted` / constraint)².
+    /// A Kalman update on that axis: the prediction has the prior's variance, the match that of [`Self::variance_along`].
     fn settle(&self, objective: &Objective<'_, '_>, pose: Pose2) -> Pose2 {
         let (axis, constraint) = self.weakest_axis(objective, pose);
         let prior = &objective.prior;
         if prior.position <= 0.0 || constraint >= self.config.constraint_trusted {
             return pose;
         }
-        let doubt = self.config.constraint_trusted / constraint.max(1e-6);
-        let speaking = constraint.max(1e-6) * objective.points.len() as f32;
-        let variance = SHARP_M * SHARP_M / speaking * doubt * doubt;
-        let gain = 1.0 / (1.0 + variance * prior.position);
+        let gain = 1.0 / (1.0 + self.variance_along(constraint, objective) * prior.position);
         let departure = axis.x * (pose.x - prior.predicted.x) + axis.y * (pose.y - prior.predicted.y);
         let back = (gain - 1.0) * departure;
         Pose2 { x: pose.x + back * axis.x, y: pose.y + back * axis.y, heading: pose.heading }
+    }
+
+    /// Variance along an axis that the scene says little about, m²: that of a wall (4 cm) over the number of points that speak about
+    /// the axis, which is far too optimistic for very few points and therefore raised by (`constraint_trusted` / constraint)².
+    fn variance_along(&self, constraint: f32, objective: &Objective<'_, '_>) -> f32 {
+        let doubt = self.config.constraint_trusted / constraint.max(1e-6);
+        let speaking = constraint.max(1e-6) * objective.points.len() as f32;
+        SHARP_M * SHARP_M / speaking * doubt * doubt
     }
 
     /// The axis that the matched points say least about, and how much they say about it.
@@ -298,12 +310,6 @@ fn candidates(population: &[Member<3>], size: usize, count: u16) -> heapless::Ve
 fn is_apart(a: &[f32; 3], b: &[f32; 3]) -> bool {
     let ([ax, ay, ah], [bx, by, bh]) = (a, b);
     hypot(ax - bx, ay - by) > 0.05 || (ah - bh).abs() > 0.01
-}
-
-/// Inverse of the information, or a large diagonal where there is none.
-fn covariance(information: &Matrix3<f32>) -> Matrix3<f32> {
-    let guarded = information + Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-4));
-    guarded.try_inverse().unwrap_or_else(|| Matrix3::from_diagonal_element(1e4))
 }
 
 /// Penalty for departing from the predicted motion, ½ Σ (δ/σ)², in the robot's frame.
@@ -429,5 +435,6 @@ struct Summit {
     value: f32,
 }
 
+mod covariance;
 #[cfg(test)]
 mod tests;

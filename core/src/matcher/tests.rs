@@ -13,7 +13,17 @@ const NDT: NdtConfig =
     NdtConfig { cell_size_m: 0.5, grids: 4, points_min: 3, count_max: 240, eigenvalue_ratio_min: 0.001, noise_m: 0.02 };
 
 fn points(world: &World, pose: Pose2, radius_m: f32, range_max_m: f32, rng: &mut Pcg32) -> Vec<Point2> {
-    let beams = world.scan(pose, range_max_m, 0.01, rng);
+    points_with(world, pose, radius_m, (range_max_m, 0.01), rng)
+}
+
+fn points_with(
+    world: &World,
+    pose: Pose2,
+    radius_m: f32,
+    (range_max_m, noise_m): (f32, f32),
+    rng: &mut Pcg32,
+) -> Vec<Point2> {
+    let beams = world.scan(pose, range_max_m, noise_m, rng);
     let scan = RangeScan { stamp: Instant::default(), range_max_m, beams: &beams };
     let (mut raw, mut memory) = (vec![Point2::default(); 200], vec![Point2::default(); 200]);
     let hits = hits(&Sweep::at_rest(scan, Pose2::IDENTITY), &mut raw).unwrap();
@@ -152,4 +162,72 @@ fn nothing_seen_stays_at_the_prediction() {
     assert_eq!(found.score, 0.0);
     assert!((found.map_from_robot.x - 1.0).abs() < 1e-3 && (found.map_from_robot.heading - 3.0).abs() < 1e-3);
     assert!(found.covariance[(0, 0)] > 1.0 && found.undetermined.is_some());
+}
+
+/// Squares of normalised errors of matches all over the room and the box, and how many lie within one standard deviation: x, y and heading.
+fn normalised_errors(cell_size_m: f32, noise_m: f32, config: &MatcherConfig) -> (f32, [f32; 3]) {
+    let (world, mut rng) = (World::room(), Pcg32::seed_from_u64(17));
+    let (mut directory, mut tiles) = (vec![DirectoryEntry::default(); 4 * 128 * 128], vec![NdtTile::EMPTY; 3200]);
+    let mut population = vec![Member::EMPTY; 100];
+    let (mut squares, mut within, mut found) = (0.0, [0.0; 3], 0.0);
+    for _ in 0..150 {
+        let start = Pose2::new(2.0 * uniform(&mut rng) - 1.0, 2.0 * uniform(&mut rng) - 1.0, 6.0 * uniform(&mut rng));
+        let truth = displacement(&mut rng);
+        let ndt = NdtConfig { cell_size_m, ..NdtConfig::default() };
+        let mut ndt = NdtGrid::new(&ndt, &mut directory, &mut tiles).unwrap();
+        ndt.insert(&points_with(&world, start, 0.0, (8.0, noise_m), &mut rng), Pose2::IDENTITY);
+        let source = points_with(&world, start * truth, 0.1, (8.0, noise_m), &mut rng);
+        let mut matcher = ScanMatcher::new(&SearchConfig::default(), &DeConfig::default(), config, &mut population);
+        let prediction = Prediction { map_from_robot: Pose2::IDENTITY, score_expected: source.len() as f32 };
+        let matched = matcher.align(&ndt, &source, &prediction, &mut rng);
+        let Pose2 { x, y, heading } = matched.map_from_robot;
+        let off = Vector3::new(x - truth.x, y - truth.y, wrap_angle(heading - truth.heading));
+        if off.norm() > 0.1 || matched.undetermined.is_some() {
+            continue; // another optimum, of which no covariance speaks
+        }
+        found += 1.0;
+        squares += (off.transpose() * matched.covariance.try_inverse().unwrap() * off)[0];
+        for (axis, within) in within.iter_mut().enumerate() {
+            *within += f32::from(u8::from(off[axis].abs() < libm::sqrtf(matched.covariance[(axis, axis)])));
+        }
+    }
+    assert!(found >= 135.0, "{found} of 150 found");
+    (squares / found, within.map(|count| count / found))
+}
+
+#[test]
+fn a_match_is_off_by_as_much_as_its_covariance_says() {
+    let free = MatcherConfig { prior_position_m: 0.0, prior_heading_deg: 0.0, ..MatcherConfig::default() };
+    let polished = MatcherConfig::default();
+    let evolution_alone = MatcherConfig { newton_steps: 0, ..free };
+    for (cell_size_m, noise_m, config) in [
+        (0.5, 0.0, free),
+        (0.5, 0.01, free),
+        (0.5, 0.03, free),
+        (0.3, 0.0, free),
+        (0.3, 0.01, free),
+        (0.3, 0.0, polished),
+        (0.3, 0.01, polished),
+        (0.5, 0.01, evolution_alone),
+    ] {
+        let (mean, within) = normalised_errors(cell_size_m, noise_m, &config);
+        assert!(
+            (1.2..6.0).contains(&mean),
+            "cells of {cell_size_m} m, noise {noise_m} m: mean square {mean}, expected 3"
+        );
+        assert!(
+            within.iter().all(|share| (0.5..0.93).contains(share)),
+            "{cell_size_m} {noise_m} {mean}: {within:?} within 1 σ"
+        );
+    }
+}
+
+#[test]
+fn an_undetermined_axis_has_no_small_deviation() {
+    for seed in 0..10 {
+        let (matched, _) =
+            match_from(&World::corridor(), Pose2::new(0.3, 0.05, 0.1), &MatcherConfig::default(), 8.0, seed);
+        let (along, across) = (libm::sqrtf(matched.covariance[(0, 0)]), libm::sqrtf(matched.covariance[(1, 1)]));
+        assert!(along > 0.1 && across < 0.02, "{along} m along, {across} m across");
+    }
 }

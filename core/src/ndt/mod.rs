@@ -20,7 +20,7 @@ mod score;
 
 pub(crate) use cell::SHARP_M;
 pub use grid::{DirectoryEntry, InsertReport, NdtGrid, NdtMemoryError, NdtTile, TILE_CELLS};
-pub use score::Linearisation;
+pub use score::{Linearisation, Scatter};
 
 crate::config! {
     /// Normal distributions transform (thesis 2.3.3).

@@ -25,6 +25,15 @@ pub struct Linearisation {
     pub hessian: Matrix3<f32>,
 }
 
+/// How far the gradient of a score may be from the one that errors without end would average out to.
+#[derive(Debug, Clone, Copy)]
+pub struct Scatter {
+    /// Covariance of [`Linearisation::gradient`], (x, y, heading), map frame.
+    pub gradient: Matrix3<f32>,
+    /// Runs of points that it was seen from, per layer.
+    pub runs: f32,
+}
+
 /// The pose of a robot with its heading's sine and cosine.
 #[derive(Clone, Copy)]
 struct Rotated {
@@ -136,9 +145,14 @@ impl NdtGrid<'_> {
         density
     }
 
-    /// Calls `visit` with every point's cell on every layer, the point's distance from the cell's mean in cells, and its place in the map.
+    /// Calls `visit` with every layer and every point's cell on it, the point's distance from the cell's mean in cells, and its place in the map.
     #[inline(always)]
-    fn for_each_cell(&self, points: &[Point2], at: Rotated, mut visit: impl FnMut(&Gaussian, Point2, Point2)) {
+    fn for_each_cell<'a>(
+        &'a self,
+        points: &[Point2],
+        at: Rotated,
+        mut visit: impl FnMut(u32, &'a Gaussian, Point2, Point2),
+    ) {
         for point in points {
             let in_map = at.transform(*point);
             for layer in 0..self.layers() {
@@ -147,19 +161,48 @@ impl NdtGrid<'_> {
                 let gaussian = self.gaussian_at(self.place(column, row, layer));
                 let [mean_u, mean_v] = gaussian.mean();
                 let d = Point2::new(u - column as f32 - 0.5 - mean_u, v - row as f32 - 0.5 - mean_v);
-                visit(gaussian, d, in_map);
+                visit(layer, gaussian, d, in_map);
             }
         }
     }
 
     /// Score and its derivatives with respect to (x, y, heading) of `map_from_robot`.
     pub fn linearise(&self, points: &[Point2], map_from_robot: Pose2) -> Linearisation {
+        self.sums(points, map_from_robot, None).linearisation(self.share(), self.config().cell_size_m)
+    }
+
+    /// The same, with the scatter of the gradient.
+    ///
+    /// Points that follow one another in a cell are off together: they share the cell's own error and what the cell does not
+    /// say of the wall's form. So each such run is one witness: the scatter is the sum over runs of the outer product of what a run adds
+    /// to the gradient, averaged over the layers, which see the same points and are taken as fully dependent.
+    ///
+    /// Source: Liang & Zeger 1986 (clusters of dependent errors); a cluster is a run here.
+    pub fn linearise_with_scatter(&self, points: &[Point2], map_from_robot: Pose2) -> (Linearisation, Scatter) {
+        let mut runs = Runs::default();
+        let sums = self.sums(points, map_from_robot, Some(&mut runs));
+        let (share, cell_size_m) = (self.share(), self.config().cell_size_m);
+        runs.open.iter_mut().for_each(|run| run.close(&mut runs.scatter));
+        let gradient = in_si(runs.scatter, cell_size_m) * share;
+        (sums.linearisation(share, cell_size_m), Scatter { gradient, runs: runs.count * share })
+    }
+
+    fn share(&self) -> f32 {
+        1.0 / self.layers() as f32
+    }
+
+    /// One copy for both: flash is dear on a small robot.
+    #[inline(never)]
+    fn sums<'a>(&'a self, points: &[Point2], map_from_robot: Pose2, mut runs: Option<&mut Runs<'a>>) -> Sums {
         let mut sums = Sums::default();
-        self.for_each_cell(points, Rotated::new(map_from_robot), |gaussian, d, in_map| {
+        self.for_each_cell(points, Rotated::new(map_from_robot), |layer, gaussian, d, in_map| {
             let arm = Point2::new(in_map.x - map_from_robot.x, in_map.y - map_from_robot.y);
-            sums.add(gaussian, d, arm * (1.0 / self.config().cell_size_m));
+            let slope = sums.add(gaussian, d, arm * (1.0 / self.config().cell_size_m));
+            if let (Some(runs), Some(slope)) = (&mut runs, slope) {
+                runs.add(layer, gaussian, slope);
+            }
         });
-        sums.linearisation(1.0 / self.layers() as f32, self.config().cell_size_m)
+        sums
     }
 
     /// How much the matched points say about each direction: Σ s (w_n n nᵀ + w_t t tᵀ) / Σ s as (xx, xy, yy).
@@ -170,7 +213,7 @@ impl NdtGrid<'_> {
     pub fn constraint(&self, points: &[Point2], map_from_robot: Pose2) -> [f32; 3] {
         let mut sum = [0.0_f32; 3];
         let mut total = 1e-9_f32;
-        self.for_each_cell(points, Rotated::new(map_from_robot), |gaussian, d, _| {
+        self.for_each_cell(points, Rotated::new(map_from_robot), |_, gaussian, d, _| {
             let density = gaussian.density(d);
             if density > 0.0 {
                 total += density;
@@ -194,12 +237,12 @@ struct Sums {
 }
 
 impl Sums {
-    /// Adds one point at `d` from the cell's mean and at `arm` from the robot's centre (map axes).
+    /// Adds one point at `d` from the cell's mean and at `arm` from the robot's centre (map axes); returns what it takes from the gradient.
     #[inline(always)]
-    fn add(&mut self, gaussian: &Gaussian, d: Point2, arm: Point2) {
+    fn add(&mut self, gaussian: &Gaussian, d: Point2, arm: Point2) -> Option<[f32; 3]> {
         let s = gaussian.density(d);
         if s <= 0.0 {
-            return;
+            return None;
         }
         let [xx, xy, yy] = gaussian.information();
         let pull = Point2::new(xx * d.x + xy * d.y, xy * d.x + yy * d.y);
@@ -214,16 +257,15 @@ impl Sums {
         self.gradient.iter_mut().zip([x, y, h]).for_each(|(sum, term)| *sum -= term);
         self.information.iter_mut().zip(curvature).for_each(|(sum, term)| *sum += s * term);
         self.rest.iter_mut().zip(rest).for_each(|(sum, term)| *sum += term);
+        Some([x, y, h])
     }
 
     /// `share` of the sums, with a cell's side in m.
+    #[inline(never)]
     fn linearisation(&self, share: f32, cell_size_m: f32) -> Linearisation {
         let per_m = 1.0 / cell_size_m;
         let lengths = Vector3::new(per_m, per_m, 1.0);
-        let symmetric = |[xx, xy, xh, yy, yh, hh]: [f32; 6]| {
-            let units = lengths * lengths.transpose();
-            Matrix3::new(xx, xy, xh, xy, yy, yh, xh, yh, hh).component_mul(&units) * share
-        };
+        let symmetric = |matrix| in_si(matrix, cell_size_m) * share;
         let information = symmetric(self.information);
         Linearisation {
             score: self.score * share,
@@ -231,5 +273,49 @@ impl Sums {
             information,
             hessian: information - symmetric(self.rest),
         }
+    }
+}
+
+/// A symmetric matrix of [`Sums`] per m and rad instead of cells.
+#[inline(never)]
+fn in_si([xx, xy, xh, yy, yh, hh]: [f32; 6], cell_size_m: f32) -> Matrix3<f32> {
+    let per_m = 1.0 / cell_size_m;
+    let lengths = Vector3::new(per_m, per_m, 1.0);
+    let units = lengths * lengths.transpose();
+    Matrix3::new(xx, xy, xh, xy, yy, yh, xh, yh, hh).component_mul(&units)
+}
+
+/// Points that follow one another in a cell, the last ones on each layer, and the scatter of those before; lengths in cells.
+#[derive(Default)]
+struct Runs<'a> {
+    open: [Run<'a>; 4],
+    scatter: [f32; 6],
+    count: f32,
+}
+
+#[derive(Default)]
+struct Run<'a> {
+    cell: Option<&'a Gaussian>,
+    slope: [f32; 3],
+}
+
+impl<'a> Runs<'a> {
+    #[inline(never)]
+    fn add(&mut self, layer: u32, gaussian: &'a Gaussian, slope: [f32; 3]) {
+        let Some(run) = self.open.get_mut(layer as usize) else { return };
+        if !run.cell.is_some_and(|cell| core::ptr::eq(cell, gaussian)) {
+            run.close(&mut self.scatter);
+            run.cell = Some(gaussian);
+            self.count += 1.0;
+        }
+        run.slope.iter_mut().zip(slope).for_each(|(sum, term)| *sum += term);
+    }
+}
+
+impl Run<'_> {
+    #[inline(never)]
+    fn close(&mut self, scatter: &mut [f32; 6]) {
+        let [x, y, h] = core::mem::take(&mut self.slope);
+        scatter.iter_mut().zip([x * x, x * y, x * h, y * y, y * h, h * h]).for_each(|(sum, term)| *sum += term);
     }
 }

@@ -1,7 +1,7 @@
 //! `lrfslam experiment`: what the methods are worth on scans whose true path is known.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
@@ -15,7 +15,7 @@ use crate::cloud::EdgeFilter;
 use crate::config::RunConfig;
 use crate::experiment::{
     Experiment, LoopRun, MatchPairsConfig, MatchPairsReport, judge_cloud, loop_csv, loop_markdown, match_pairs,
-    plot_growth, read_growth, read_surfaces, run_loop,
+    normalised_csv, plot_growth, plot_normalised, read_growth, read_surfaces, run_loop,
 };
 use crate::log::{LogReader, LogScan};
 use crate::output::write_file;
@@ -113,6 +113,12 @@ struct MatchPairsArgs {
     /// Change one value of the configuration; may be given more than once.
     #[arg(long, value_name = "SECTION.KEY=VALUE")]
     set: Vec<String>,
+    /// Draw the errors over their standard deviations, beside what these claim.
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+    /// Write these errors, a line each.
+    #[arg(long, value_name = "FILE.csv")]
+    errors: Option<PathBuf>,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
@@ -176,8 +182,12 @@ fn run_growth(args: &GrowthArgs) -> Result<(), Failure> {
     let growth =
         read_growth(&text.map_err(Failure::Start)?).with_context(|| name.to_string()).map_err(Failure::Start)?;
     let svg = plot_growth(&growth).map_err(Failure::work)?;
-    let written = write_file(&args.out, svg.as_bytes());
-    written.with_context(|| format!("{}: cannot be written", args.out.display())).map_err(Failure::Work)
+    save(&args.out, &svg)
+}
+
+fn save(file: &Path, text: &str) -> Result<(), Failure> {
+    let written = write_file(file, text.as_bytes());
+    written.with_context(|| format!("{}: cannot be written", file.display())).map_err(Failure::Work)
 }
 
 fn run_match_pairs(args: &MatchPairsArgs) -> Result<(), Failure> {
@@ -194,6 +204,12 @@ fn run_match_pairs(args: &MatchPairsArgs) -> Result<(), Failure> {
         cell_size_m: args.cell,
     };
     let report = match_pairs(&config, &pairs, &scans, &poses).map_err(Failure::start)?;
+    if let Some(file) = &args.plot {
+        save(file, &plot_normalised(&report.errors).map_err(Failure::work)?)?;
+    }
+    if let Some(file) = &args.errors {
+        save(file, &normalised_csv(&report.errors))?;
+    }
     if args.json {
         let text = serde_json::to_string_pretty(&report).map_err(Failure::work)?;
         return print(&(text + "\n"));
@@ -240,5 +256,29 @@ fn table(report: &MatchPairsReport) -> String {
         "\n{} pairs, {} of them with an undetermined axis; {} more left out for want of overlap",
         report.judged, report.undetermined, report.without_overlap
     );
+    let normalised = &report.normalised;
+    let _ = writeln!(
+        text,
+        "\nerrors over what the covariance says, {} pairs recovered and determined: mean square {:.2} (honest: 3), median {:.2} (2.37)\n\n\
+         {:<12}{:>10}{:>10}{:>10}{:>16}",
+        normalised.count,
+        normalised.mean_square,
+        normalised.median_square,
+        "within, %",
+        "1 σ",
+        "2 σ",
+        "3 σ",
+        "σ, median"
+    );
+    for axis in &normalised.axes {
+        let [one, two, three] = axis.within.map(|share| 100.0 * share);
+        let sigma = if axis.axis == "heading" {
+            format!("{:.3}°", axis.median_sigma.to_degrees())
+        } else {
+            format!("{:.2} mm", 1e3 * axis.median_sigma)
+        };
+        let _ = writeln!(text, "{:<12}{one:>10.1}{two:>10.1}{three:>10.1}{sigma:>16}", axis.axis);
+    }
+    let _ = writeln!(text, "{:<12}{:>10}{:>10}{:>10}", "honest", "68.3", "95.4", "99.7");
     text
 }

@@ -7,6 +7,7 @@ use lrfslam_core::matcher::{Match, MatcherConfig, Prediction, ScanMatcher, Searc
 use lrfslam_core::math::uniform;
 use lrfslam_core::ndt::NdtGrid;
 use lrfslam_core::sweep::Sweep;
+use nalgebra::Matrix3;
 use rand_core::SeedableRng as _;
 use rand_pcg::Pcg32;
 use serde::Serialize;
@@ -71,6 +72,13 @@ pub(super) fn is_determined(config: &MatcherConfig, ndt: &NdtGrid<'_>, points: &
     0.5 * (xx + yy) - (0.5 * (xx - yy)).hypot(xy) >= config.constraint_min
 }
 
+/// Where a contender found a scan.
+pub(super) struct Found {
+    pub(super) pose: Pose2,
+    /// Of (x, y, heading), if the contender says: m², m rad, rad².
+    pub(super) covariance: Option<Matrix3<f32>>,
+}
+
 /// The pose that `contender` finds for `points` in `ndt`.
 pub(super) fn align(
     contender: Contender,
@@ -80,15 +88,15 @@ pub(super) fn align(
     prediction: &Prediction,
     population: &mut [Member<3>],
     seed: u64,
-) -> Pose2 {
+) -> Found {
     let newton_steps = if contender == Contender::Evolution { 0 } else { run.matcher.newton_steps };
     // Nothing is known of the motion here: no prior.
     let config = MatcherConfig { newton_steps, prior_position_m: 0.0, prior_heading_deg: 0.0, ..run.matcher };
     let (search, de): (SearchConfig, DeConfig) = (run.search, run.de);
     let mut matcher = ScanMatcher::new(&search, &de, &config, population);
     if contender == Contender::Newton {
-        return matcher.align_locally(ndt, points, prediction);
+        return Found { pose: matcher.align_locally(ndt, points, prediction), covariance: None };
     }
     let found: Match = matcher.align(ndt, points, prediction, &mut Pcg32::seed_from_u64(seed));
-    found.map_from_robot
+    Found { pose: found.map_from_robot, covariance: Some(found.covariance) }
 }

@@ -10,8 +10,8 @@ use crate::evaluation::Distribution;
 /// A panel's size, pixels.
 const PANEL: (u32, u32) = (300, 170);
 const LEGEND: u32 = 24;
-const THESIS: RGBColor = RGBColor(200, 60, 40);
-const OURS: RGBColor = RGBColor(30, 90, 190);
+pub(super) const THESIS: RGBColor = RGBColor(200, 60, 40);
+pub(super) const OURS: RGBColor = RGBColor(30, 90, 190);
 /// Bars of a histogram.
 const BINS: usize = 41;
 
@@ -32,7 +32,7 @@ impl<E: std::error::Error + Send + Sync> From<DrawingAreaErrorKind<E>> for PlotE
     }
 }
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 /// Errors of the first seed over the number of the pose, a column for each case, as figures 5.1 to 5.6.
 ///
@@ -62,7 +62,7 @@ pub fn plot_errors(cases: &[SweepCase], errors: &[PairError]) -> Result<String, 
 }
 
 /// The number on a tick, without the sign that rounding leaves on a zero.
-fn tick(value: &f64) -> String {
+pub(super) fn tick(value: &f64) -> String {
     let rounded = (value * 1e4).round() / 1e4;
     format!("{}", if rounded == 0.0 { 0.0 } else { rounded })
 }
@@ -123,7 +123,12 @@ pub fn plot_distributions(errors: &[PairError], model: &MotionModel) -> Result<S
     Ok(svg)
 }
 
-fn draw_distribution(area: &Area<'_>, name: &str, values: &[f64], of: &Distribution) -> Result<(), PlotError> {
+pub(super) fn draw_distribution(
+    area: &Area<'_>,
+    name: &str,
+    values: &[f64],
+    of: &Distribution,
+) -> Result<(), PlotError> {
     let reach = (5.0 * of.robust_std).max(1e-6);
     let width = 2.0 * reach / BINS as f64;
     let mut counts = [0_usize; BINS];

@@ -335,7 +335,7 @@ impl Bench {
         let points = points_of(source, run.filter.radius_m, run);
         let prediction = Prediction { map_from_robot: centre, score_expected };
         let contender = if trial.method == Method::Thesis { Contender::Evolution } else { Contender::Polished };
-        align(contender, run, &ndt, &points, &prediction, &mut self.population, seed)
+        align(contender, run, &ndt, &points, &prediction, &mut self.population, seed).pose
     }
 }
 

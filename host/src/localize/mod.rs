@@ -60,7 +60,7 @@ lrfslam_core::config! {
         right_within_m: f32 = 0.25, in 0.01..=10.0;
         /// Spread of the map's own error, m: what no scan can undo.
         map_sigma_m: f32 = 0.02, in 0.0..=1.0;
-        /// The matches' variances are this many times as large as independent points would have it.
+        /// The matches' variances are taken this many times as large as each match says: one match errs much as the next.
         match_inflation: f32 = 4.0, in 1.0..=10000.0;
     }
 }
