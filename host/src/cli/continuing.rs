@@ -57,7 +57,10 @@ impl Iterator for ReadAhead {
     }
 }
 
-/// Where the log begins in the map `saved` in `folder`; `None`: where the robot was last.
+/// A start that fewer of the known points contradict than this is right; with more, another place may fit much better.
+const CLEAN: f32 = 0.03;
+
+/// Where the log begins in the map `saved` in `folder`.
 ///
 /// # Errors
 /// If it does not fit the map there, or is nowhere to be found in it.
@@ -67,19 +70,23 @@ pub(super) fn verified_start(
     (config, seed): (&RunConfig, u64),
     told: Option<Start>,
     scans: &mut ReadAhead,
-) -> Result<Option<Pose2>, Failure> {
+) -> Result<Pose2, Failure> {
     let map = KnownMap::new(saved, config).map_err(|error| not_whole(folder, &error))?;
     let judge = StartJudge::new(config, seed, &map);
     let start = told.unwrap_or(Start::End);
     let first = judge.follow(start.pose(&map), scans).map_err(Failure::Start)?;
-    if first.fits {
-        return Ok(start.told());
+    if first.fits && first.contradicting <= CLEAN {
+        return Ok(first.start);
     }
     let found = judge.find(scans).map_err(Failure::Start)?.filter(|found| found.fits);
+    let is_better = |found: &StartFit| found.contradicting < 0.5 * first.contradicting;
+    if first.fits && !found.as_ref().is_some_and(is_better) {
+        return Ok(first.start);
+    }
     match (found, told) {
         (Some(found), None) => {
             say(&format!("the robot is not where it was last: it begins at {}", in_words(found.start)));
-            Ok(Some(found.start))
+            Ok(found.start)
         }
         (Some(found), Some(_)) => {
             Err(refusal(folder, &first, &format!("it fits at {0}: --start {0}", in_words(found.start))))
@@ -89,12 +96,13 @@ pub(super) fn verified_start(
 }
 
 fn refusal(folder: &Path, fit: &StartFit, instead: &str) -> Failure {
-    let StartFit { start, way_m, on_walls, contradicting, .. } = fit;
+    let StartFit { told, jumps, way_m, on_walls, contradicting, .. } = fit;
     Failure::NotFound(anyhow::anyhow!(
-        "the log does not fit the map in {} at {}: along its first {way_m:.1} m, {:.0} % of what it sees is on the map's walls, and {:.0} % stands where \
+        "the log does not fit the map in {} at {}: {}along its first {way_m:.1} m, {:.0} % of what it sees is on the map's walls, and {:.0} % stands where \
          the map is free; {instead}. Nothing was written (--trust-start with --start believes it all the same)",
         folder.display(),
-        in_words(*start),
+        in_words(*told),
+        if *jumps { "it fits some way off; " } else { "" },
         100.0 * on_walls,
         100.0 * contradicting
     ))

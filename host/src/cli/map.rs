@@ -74,7 +74,7 @@ pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
     let mut map = MapRun::new(&config, args.seed, &mut memory).map_err(Failure::Start)?;
     let mut start = args.start.and_then(Start::told);
     if let (Some(saved), Some(folder), false) = (&saved, &args.continued, args.trust_start) {
-        start = verified_start(saved, folder, (&config, args.seed), args.start, &mut scans)?;
+        start = Some(verified_start(saved, folder, (&config, args.seed), args.start, &mut scans)?);
     }
     let mut folder = args.out.folder(&stem(&args.log, "map"))?;
     if let (Some(saved), Some(folder)) = (&saved, &args.continued) {

@@ -178,12 +178,12 @@ mod tests {
         let (mean, half) = (0.5 * (wide + narrow), 0.5 * (wide - narrow));
         let covariance = Matrix3::new(mean, half, 0.0, half, mean, 0.0, 0.0, 0.0, 0.01);
         let truth = Pose2::new(5.0, 2.0, 3.1);
-        let along = 0.06 * std::f32::consts::FRAC_1_SQRT_2;
+        let along = 0.045 * std::f32::consts::FRAC_1_SQRT_2;
         let found = Pose2::new(5.0 + along, 2.0 + along, -3.1 + 0.1 - (std::f32::consts::TAU - 6.2));
         let error = NormalisedError::of(found, truth, &covariance).unwrap();
         let [wide, narrow, heading] = error.axes;
-        assert!((wide.abs() - 2.0).abs() < 1e-3 && narrow.abs() < 1e-3 && (heading - 1.0).abs() < 1e-3, "{error:?}");
-        assert!((error.square - 5.0).abs() < 1e-2, "{error:?}");
+        assert!((wide.abs() - 1.5).abs() < 1e-3 && narrow.abs() < 1e-3 && (heading - 1.0).abs() < 1e-3, "{error:?}");
+        assert!((error.square - 3.25).abs() < 1e-2, "{error:?}");
         assert!(NormalisedError::of(found, truth, &-covariance).is_none());
         let summary = NormalisedSummary::of(&[error]);
         assert_eq!(summary.axes[0].within, [0.0, 1.0, 1.0]);

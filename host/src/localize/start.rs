@@ -13,6 +13,10 @@ use crate::log::LogScan;
 
 /// A robot is searched for along so much of its way, m; then the log is of another place.
 const SEARCH_WAY_M: f32 = 60.0;
+/// A told start may be off by so much, m …
+const TOLD_WITHIN_M: f32 = 0.6;
+/// … and rad.
+const TOLD_WITHIN_RAD: f32 = 0.35;
 /// Less of what the laser sees than this on the map's walls says nothing about the start.
 const ON_WALLS_MIN: f32 = 0.2;
 
@@ -28,8 +32,12 @@ pub trait ScansAhead {
 /// How the first metres of a log lie in a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StartFit {
-    /// Where the first scan was taken, in the map.
+    /// Where the first scan was taken, in the map, as it was told.
+    pub told: Pose2,
+    /// And as it fits the map best near there.
     pub start: Pose2,
+    /// It fits only farther off than a told start may be, or not before the robot was searched for.
+    pub jumps: bool,
     /// Way that was looked at, m; a turn of a radian counts as half a metre.
     pub way_m: f32,
     /// Mean share of the scans' points on the map's walls.
@@ -63,19 +71,22 @@ impl<'a> StartJudge<'a> {
         let mut tracker = Tracker::new(self.config, self.seed, memory.tracker.lend_odometry())?;
         tracker.restart_at(self.map, start)?;
         let (mut way, mut sums, mut weight, mut index) = (0.0, [0.0; 2], 0.0, 0);
-        let mut before = start;
+        let (mut before, mut first, mut jumps) = (start, start, false);
         while let Some(scan) = scans.scan(index)?.filter(|_| way < self.config.localize.search_after_m) {
             let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| self.config.robot_from_lrf());
             let located = tracker.add_scan(self.map, &scan.scan(), robot_from_lrf)?.located;
-            let moved_m = way_m(before.between(located.map_from_robot));
+            let moved = before.between(located.map_from_robot);
+            jumps |= moved.position().norm() > TOLD_WITHIN_M || moved.heading.abs() > TOLD_WITHIN_RAD;
+            let moved_m = way_m(moved);
+            first = if index == 0 { located.map_from_robot } else { first };
             // The first scan speaks even if the robot never moves.
             let share = if index == 0 { 0.1 } else { moved_m };
             sums = [sums[0] + share * located.on_walls, sums[1] + share * located.contradicting];
             (before, way, weight, index) = (located.map_from_robot, way + moved_m, weight + share, index + 1);
         }
         let [on_walls, contradicting] = sums.map(|sum| sum / f32::max(weight, 1e-6));
-        let fits = on_walls >= ON_WALLS_MIN && contradicting <= 1.0 - self.config.localize.neutral_share;
-        Ok(StartFit { start, way_m: way, on_walls, contradicting, fits })
+        let agrees = on_walls >= ON_WALLS_MIN && contradicting <= 1.0 - self.config.localize.neutral_share;
+        Ok(StartFit { told: start, start: first, jumps, way_m: way, on_walls, contradicting, fits: agrees && !jumps })
     }
 
     /// Searches the map for the log's start; `None` if it is nowhere to be found along the first 60 m of way.

@@ -160,7 +160,11 @@ fn log_comes_from_standard_input() {
     let (code, message) = map(folder.path(), &packed, &[]);
     assert_eq!((code, message.as_str()), (0, ""));
     let from_file = report(folder.path());
-    let mut child = lrfslam(folder.path(), &["map", "-"]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut child = lrfslam(folder.path(), &["map", "-", "--out", "stdin-map"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
     child.stdin.take().unwrap().write_all(&packed).unwrap();
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success() && output.stdout.ends_with(b"results in stdin-map\n"), "{output:?}");

@@ -140,8 +140,8 @@ fn a_map_is_gone_on_with_where_the_robot_is() {
     let again = ["map", "all.log", "--continue", "both", "--start", "0,0,0", "-q", "--out", "again"];
     assert_eq!(run(folder, &again), (0, String::new(), String::new()));
     let path = positions(&folder.join("again/trajectory.tum"));
-    assert_eq!(path.len(), 2 * lines.len());
-    let (_, x, y) = &path[2 * lines.len() - 1];
+    assert_eq!(path.len(), lines.len(), "the same times: of each the later pose is kept");
+    let (_, x, y) = &path[lines.len() - 1];
     let (_, end_x, end_y) = positions(&all).pop().unwrap();
     assert!((x - end_x).hypot(y - end_y) < RIGHT_M, "{x} {y} and {end_x} {end_y}");
 
@@ -150,4 +150,38 @@ fn a_map_is_gone_on_with_where_the_robot_is() {
     assert!(stderr.contains("expected hierarchy.levels = 2"), "{stderr}");
     let (code, _, stderr) = run(folder, &["map", "second.log", "--continue", "nowhere", "--out", "x"]);
     assert!(code == 2 && stderr.contains("map.lrfslam: not there"), "{stderr}");
+}
+
+/// Two buildings drawn over each other are worth nothing: a log that does not fit is refused before anything is written.
+#[test]
+fn a_map_is_not_gone_on_with_where_the_log_does_not_fit() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let lines = floor();
+    write_log(folder, "first.log", &lines[..400]);
+    write_log(folder, "second.log", &lines[400..]);
+    write_log(folder, "other.log", &lines[..300].iter().map(|line| mirrored(line)).collect::<Vec<_>>());
+    assert_eq!(run(folder, &["map", "first.log", "-q", "--out", "first"]).0, 0);
+    let before = fs::read(folder.join("first/map.lrfslam")).unwrap();
+    let go_on = |log: &str, more: &[&str]| {
+        let out = ["--out", "first", "--overwrite", "-q"];
+        let (code, _, stderr) = run(folder, &[&["map", log, "--continue", "first"], more, &out].concat());
+        assert!(fs::read(folder.join("first/map.lrfslam")).unwrap() == before || code == 0, "{stderr}");
+        (code, stderr)
+    };
+    let (code, stderr) = go_on("other.log", &[]);
+    assert!(
+        code == 3 && stderr.contains("does not fit the map in first") && stderr.contains("Nothing was written"),
+        "{stderr}"
+    );
+    let (code, stderr) = go_on("second.log", &["--start", "0,0,90"]);
+    assert!(code == 3 && stderr.contains("does not fit the map in first at 0.00,0.00,90.0"), "{stderr}");
+    let (code, stderr) = go_on("first.log", &["--start", "1,0,0"]);
+    assert!(code == 3 && stderr.contains("it fits at 0.0"), "a metre off along a wall is noticed: {stderr}");
+    // The start of the first drive, found without being told; afterwards the map holds both, in place of the first one's.
+    let (code, stderr) = go_on("first.log", &[]);
+    assert_eq!(code, 0, "{stderr}");
+    assert!(stderr.contains("not where it was last: it begins at"), "{stderr}");
+    let start = positions(&folder.join("first/trajectory.tum"))[0].clone();
+    assert!(start.1.hypot(start.2) < RIGHT_M, "{start:?}");
 }
