@@ -84,11 +84,12 @@ pub(super) fn verified_start(
         return Ok(first.start);
     }
     match (found, told) {
-        (Some(found), None) => {
+        // Nobody vouches for this one.
+        (Some(found), None) if found.contradicting <= CLEAN => {
             say(&format!("the robot is not where it was last: it begins at {}", in_words(found.start)));
             Ok(found.start)
         }
-        (Some(found), Some(_)) => {
+        (Some(found), _) => {
             Err(refusal(folder, &first, &format!("it fits at {0}: --start {0}", in_words(found.start))))
         }
         (None, _) => Err(refusal(folder, &first, "nor is it found anywhere else in the map")),

@@ -49,12 +49,13 @@ fn push_quality(text: &mut String, quality: &Quality) {
     }
     let _ = writeln!(text, ", {:.1} % of the scans matched well", 100.0 * quality.matched_well);
     for (what, stretches) in [("lost", &quality.lost), ("an axis undetermined", &quality.undetermined)] {
-        if stretches.is_empty() {
+        let long: Vec<&Stretch> = stretches.iter().filter(|stretch| stretch.scans >= SCANS_SHOWN).collect();
+        if long.is_empty() {
             continue;
         }
         let time = |stretch: &Stretch| format!("{:.0} to {:.0} s", stretch.from_s, stretch.to_s);
-        let longest: Vec<String> = stretches.iter().take(STRETCHES_SHOWN).map(time).collect();
-        let more = stretches.len().saturating_sub(STRETCHES_SHOWN);
+        let longest: Vec<String> = long.iter().take(STRETCHES_SHOWN).map(|stretch| time(stretch)).collect();
+        let more = long.len().saturating_sub(STRETCHES_SHOWN);
         let more = if more > 0 { format!(" and {more} shorter ones (run.json)") } else { String::new() };
         let _ = writeln!(text, "{what} at {}{more}", longest.join(", "));
     }
@@ -63,6 +64,8 @@ fn push_quality(text: &mut String, quality: &Quality) {
 
 /// Stretches that are named, longest first.
 const STRETCHES_SHOWN: usize = 3;
+/// Shorter ones are in run.json alone.
+const SCANS_SHOWN: usize = 5;
 
 fn has_made_up_times(report: &RunReport) -> bool {
     matches!(&report.source, Source::Log { log, .. } if log.synthetic_times)

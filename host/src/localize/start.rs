@@ -13,6 +13,8 @@ use crate::log::LogScan;
 
 /// A robot is searched for along so much of its way, m; then the log is of another place.
 const SEARCH_WAY_M: f32 = 60.0;
+/// More of the points in known places than this where the map is free, and the start is wrong, or too much has changed to tell.
+const CONTRADICTING_MAX: f32 = 0.05;
 /// A told start may be off by so much, m …
 const TOLD_WITHIN_M: f32 = 0.6;
 /// … and rad.
@@ -85,7 +87,7 @@ impl<'a> StartJudge<'a> {
             (before, way, weight, index) = (located.map_from_robot, way + moved_m, weight + share, index + 1);
         }
         let [on_walls, contradicting] = sums.map(|sum| sum / f32::max(weight, 1e-6));
-        let agrees = on_walls >= ON_WALLS_MIN && contradicting <= 1.0 - self.config.localize.neutral_share;
+        let agrees = on_walls >= ON_WALLS_MIN && contradicting <= CONTRADICTING_MAX;
         Ok(StartFit { told: start, start: first, jumps, way_m: way, on_walls, contradicting, fits: agrees && !jumps })
     }
 
