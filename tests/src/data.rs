@@ -2,14 +2,19 @@
 
 use std::path::PathBuf;
 
-/// A file of the data folder: that of `LRFSLAM_DATA`, else `../shared/data` beside the workspace. `None`, said on standard
-/// error, if it is not there: the test then has nothing to check.
-pub fn file(name: &str) -> Option<Vec<u8>> {
+/// Where a file of the data folder is: of that of `LRFSLAM_DATA`, else of `../shared/data` beside the workspace. `None`, said on standard
+/// output, if it is not there: the test then has nothing to check.
+pub fn path(name: &str) -> Option<PathBuf> {
     let beside = || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     let path = std::env::var_os("LRFSLAM_DATA").map_or_else(beside, PathBuf::from).join(name);
-    let read = std::fs::read(&path);
-    if read.is_err() {
-        eprintln!("skipped: {} is not there (set LRFSLAM_DATA)", path.display());
+    if !path.exists() {
+        println!("skipped: {name} is not there (set LRFSLAM_DATA to the folder of the real data)");
+        return None;
     }
-    read.ok()
+    Some(path)
+}
+
+/// What is in it.
+pub fn file(name: &str) -> Option<Vec<u8>> {
+    path(name).map(|path| std::fs::read(path).expect("the file can be read"))
 }

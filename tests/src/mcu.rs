@@ -42,12 +42,10 @@ pub struct Mcu {
 }
 
 impl Mcu {
-    /// The image for `machine` in the folder that the environment names by `LRFSLAM_FIRMWARE`; `None`, said on standard error, without.
+    /// The image for `machine` in the folder that the environment names by `LRFSLAM_FIRMWARE`; `None`, said on standard output, without.
     pub fn find(machine: &str) -> Option<Self> {
         let Some(folder) = std::env::var_os("LRFSLAM_FIRMWARE") else {
-            eprintln!(
-                "skipped: no firmware (firmware-sim/firmware/build makes it; set LRFSLAM_FIRMWARE to its folder)"
-            );
+            println!("skipped: no firmware (firmware-sim/firmware/build makes it; set LRFSLAM_FIRMWARE to its folder)");
             return None;
         };
         let image = Path::new(&folder).join(machine);

@@ -1,6 +1,6 @@
 //! A recorded log through virtual laser, robot and link: the host has the beams and the times of the log.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use lrfslam_core::robot::{LaserConfig, LaserFamily, ReportConfig, RobotConfig};
 use lrfslam_core::scan::{Beam, Echo};
@@ -10,6 +10,7 @@ use lrfslam_core::wire::session::Progress;
 use lrfslam_firmware_sim::virtual_lrf::recording::{RecordedLaser, RecordedScan};
 use lrfslam_host::log::{LogOptions, LogReader, LogScan};
 use lrfslam_host::robot::{Sweeps, Told};
+use lrfslam_tests::data;
 use lrfslam_tests::robot_rig::{Build, HostDisk, LineFaults, RobotRig};
 
 /// Scans that are compared.
@@ -124,11 +125,8 @@ fn simulated_sick() {
 
 #[test]
 fn recorded_sick_and_urg() {
-    let Some(folder) = std::env::var_os("LRFSLAM_DATA").map(PathBuf::from) else {
-        eprintln!("skipped: LRFSLAM_DATA is not set");
-        return;
-    };
     for name in ["intel.log.gz", "aces.log.gz", "loop5.log.gz", "urg04lx-exp2.dat.gz"] {
-        check(&folder.join("logs").join(name), 1);
+        let Some(log) = data::path(&format!("logs/{name}")) else { continue };
+        check(&log, 1);
     }
 }

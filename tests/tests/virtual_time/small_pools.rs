@@ -2,8 +2,6 @@
 //!
 //! The matcher has a computer's memory here; for all of a microcontroller see `hil_mcu`.
 
-use std::path::{Path, PathBuf};
-
 use lrfslam_core::de::Member;
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::laser_odometry::{LaserOdometry, LaserOdometryConfig, OdometryMemory};
@@ -15,17 +13,13 @@ use lrfslam_core::slam::{Slam, StepConfig};
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::log::{LogOptions, LogReader, LogScan};
 use lrfslam_host::mapper::{Mapper, MapperMemory};
+use lrfslam_tests::data;
 use rand_core::SeedableRng as _;
 use rand_pcg::Pcg32;
 
 /// The scans of a real log, or nothing with a word about it.
 fn real_scans(name: &str) -> Option<Vec<LogScan>> {
-    let folder = std::env::var("LRFSLAM_DATA").map_or_else(|_| PathBuf::from("../../shared/data"), PathBuf::from);
-    let file: PathBuf = Path::new(&folder).join("logs").join(name);
-    if !file.exists() {
-        eprintln!("skipped: {} is not there", file.display());
-        return None;
-    }
+    let file = data::path(&format!("logs/{name}"))?;
     let log = LogReader::open(&file, LogOptions::default()).expect("the log can be read");
     Some(log.map(|scan| scan.expect("every scan can be read")).collect())
 }
