@@ -5,7 +5,6 @@ use std::path::Path;
 use lrfslam_core::geometry::Pose2;
 
 use super::Failure;
-use super::laser::say;
 use super::localize::{Start, not_whole};
 use crate::config::RunConfig;
 use crate::localize::{KnownMap, ScansAhead, StartFit, StartJudge};
@@ -77,10 +76,7 @@ pub(super) fn verified_start(
     }
     let found = judge.find(scans).map_err(Failure::Start)?.filter(|found| found.fits);
     match (found, told) {
-        (Some(found), None) => {
-            say(&format!("the robot is not where it was last: it begins at {}", in_words(found.start)));
-            Ok(Some(found.start))
-        }
+        (Some(found), None) => Ok(Some(found.start)),
         (Some(found), Some(_)) => {
             Err(refusal(folder, &first, &format!("it fits at {0}: --start {0}", in_words(found.start))))
         }
@@ -100,6 +96,7 @@ fn refusal(folder: &Path, fit: &StartFit, instead: &str) -> Failure {
     ))
 }
 
-fn in_words(pose: Pose2) -> String {
+/// As `--start` takes it.
+pub(super) fn in_words(pose: Pose2) -> String {
     format!("{:.2},{:.2},{:.1}", pose.x, pose.y, pose.heading.to_degrees())
 }

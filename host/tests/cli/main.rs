@@ -12,3 +12,4 @@ mod localize;
 mod map_server;
 mod real_logs;
 mod results;
+mod vocabulary;
