@@ -16,8 +16,7 @@ use lrfslam_firmware_sim::scenario::Scenario;
 /// Names that end in .gz are compressed. The same arguments give the same bytes.
 #[derive(Debug, Args)]
 pub struct LogArgs {
-    /// Where it is: room, floor, office, demo, corridor, loop, maze, small-maze, a world file, or the YAML of a ROS map
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", help = crate::WORLD)]
     world: String,
     /// Drive on to here after the route; may be given more than once
     #[arg(long, value_name = "X,Y", value_parser = place)]
@@ -58,9 +57,12 @@ pub struct LogArgs {
     /// A laser without errors
     #[arg(long, conflicts_with = "noise")]
     perfect: bool,
-    /// Of all errors
-    #[arg(long, default_value_t = 1)]
+    /// Start of the random numbers: the same seed and input give the same results
+    #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    /// Say nothing but errors; the exit code tells how it ended
+    #[arg(long, short)]
+    quiet: bool,
 }
 
 pub fn run(args: &LogArgs) -> Result<()> {
@@ -86,6 +88,9 @@ pub fn run(args: &LogArgs) -> Result<()> {
     )?;
     for file in [Some(log), Some(truth), tilted, tilt].into_iter().flatten() {
         file.finish()?;
+    }
+    if args.quiet {
+        return Ok(());
     }
     println!(
         "{}: {} scans, {:.1} m in {:.1} s; the truth is in {}",

@@ -37,17 +37,20 @@ enum Command {
     Surfaces(surfaces_command::SurfacesArgs),
 }
 
+/// Help of `--world`.
+const WORLD: &str =
+    "Where it is: room, floor, office, demo, corridor, loop, maze, small-maze, a world file, or the YAML of a ROS map";
+
 /// A laser on a pseudo-terminal.
 #[derive(Debug, Args)]
 struct ServeArgs {
-    /// Which sensor
-    #[arg(long, value_enum)]
-    model: Model,
+    /// The laser
+    #[arg(long, value_enum, visible_alias = "model")]
+    lrf: Model,
     /// Name under which the port appears (a symbolic link)
     #[arg(long)]
     link: PathBuf,
-    /// Where it is: room, floor, office, demo, corridor, loop, maze, small-maze, a world file, or the YAML of a ROS map
-    #[arg(long, default_value = "room", value_name = "NAME|FILE")]
+    #[arg(long, default_value = "room", value_name = "NAME|FILE", help = WORLD)]
     world: String,
     /// Baud rate that the sensor has at first, instead of its power-up rate
     #[arg(long)]
@@ -61,9 +64,12 @@ struct ServeArgs {
     /// Power comes on at the start, so that the sensor boots first (15 s for a SICK)
     #[arg(long)]
     boot: bool,
-    /// Seed of the sensor's errors and the line's faults
-    #[arg(long, default_value_t = 1)]
+    /// Start of the random numbers: the same seed and input give the same results
+    #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    /// Say nothing but errors; the exit code tells how it ended
+    #[arg(long, short)]
+    quiet: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -139,20 +145,22 @@ fn serve(arguments: &ServeArgs) -> Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("catching ctrl-C")?;
-    eprintln!(
-        "{} at {}; ctrl-C ends",
-        arguments.model.to_possible_value().map_or(String::new(), |v| v.get_name().to_owned()),
-        arguments.link.display()
-    );
+    let say = |text: String| {
+        if !arguments.quiet {
+            eprintln!("{text}");
+        }
+    };
+    let name = arguments.lrf.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
+    say(format!("{name} at {}; ctrl-C ends", arguments.link.display()));
     let mut clock = pty::wall_clock();
     let report = pty::serve(device.as_mut(), &arguments.link, arguments.fault, arguments.seed, &mut clock, &stop)?;
-    eprintln!("{} writes, {} damaged or lost, {} bytes not taken", report.writes, report.faults, report.dropped);
+    say(format!("{} writes, {} damaged or lost, {} bytes not taken", report.writes, report.faults, report.dropped));
     Ok(())
 }
 
 fn build(arguments: &ServeArgs) -> Result<Box<dyn VirtualLrf>> {
     let scene = Box::new(Scenario::load(&arguments.world)?.scene());
-    Ok(match arguments.model.sensor() {
+    Ok(match arguments.lrf.sensor() {
         Sensor::Sick(model) => {
             let model = match arguments.variant {
                 Some(variant) => model.with_variant(variant),

@@ -33,9 +33,12 @@ struct Arguments {
     /// Faults of the host's line, such as damage=0.01 (chance per frame)
     #[arg(long, default_value = "none", value_parser = FaultPlan::parse)]
     fault: FaultPlan,
-    /// Seed of these
-    #[arg(long, default_value_t = 1)]
+    /// Start of the random numbers: the same seed and input give the same results
+    #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    /// Say nothing but errors; the exit code tells how it ended
+    #[arg(long, short)]
+    quiet: bool,
 }
 
 /// Where the host is.
@@ -82,7 +85,11 @@ fn run(arguments: &Arguments) -> Result<()> {
         host: host_line(arguments)?,
         faults: (arguments.fault.damage, arguments.seed),
     };
-    let say = |text: &str| eprintln!("robot-sim: {text}");
+    let say = |text: &str| {
+        if !arguments.quiet {
+            eprintln!("robot-sim: {text}");
+        }
+    };
     match arguments.memory {
         Size::Standard => serve::<StandardPools>(&wiring, &stop, &say),
         Size::Compact => serve::<CompactPools>(&wiring, &stop, &say),

@@ -11,8 +11,7 @@ use lrfslam_firmware_sim::scenario::Scenario;
 /// With it, `lrfslam experiment map3d` judges a 3D map of that world. People are not in it: they move.
 #[derive(Debug, Args)]
 pub struct SurfacesArgs {
-    /// Where it is: room, floor, office, corridor, loop, maze, small-maze, a world file, or the YAML of a ROS map
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", help = crate::WORLD)]
     world: String,
 }
 

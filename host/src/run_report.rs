@@ -162,11 +162,14 @@ pub struct Program {
     pub name: &'static str,
     /// Its version.
     pub version: &'static str,
+    /// The commit it was built from, shortened; none if it was built outside the repository.
+    pub commit: Option<&'static str>,
 }
 
 impl Program {
     /// This one.
-    pub const THIS: Self = Self { name: "lrfslam", version: env!("CARGO_PKG_VERSION") };
+    pub const THIS: Self =
+        Self { name: "lrfslam", version: env!("CARGO_PKG_VERSION"), commit: option_env!("LRFSLAM_COMMIT") };
 }
 
 /// The file that was read.

@@ -10,7 +10,7 @@ use crate::wire::message::{Capacities, PARTICLES_MAX};
 /// Farthest that a laser sits from the robot's centre along either axis, m.
 const MOUNTING_MAX_M: f32 = 10.0;
 /// Half a turn, and what rounding adds, rad.
-const HEADING_MAX: f32 = 3.1416;
+const HEADING_MAX: f32 = core::f32::consts::PI + 1e-5;
 
 /// Why a configuration does not fit a robot. Its words are short: the answer has room for 96 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]

@@ -9,10 +9,11 @@ use clap::{Args, ValueEnum};
 use lrfslam_core::robot::{LaserConfig, LaserFamily};
 use lrfslam_core::wire::message::{FromRobot, Status, ToRobot};
 
-use super::laser::{interrupt_flag, parse_baud, say};
+use super::Failure;
+use super::laser::{EndArgs, interrupt_flag, parse_baud, say};
 use super::out::{OutArgs, SaveArgs};
+use super::shared::{ConfigArgs, LEVELS, LRF, PARTICLES, PORT, SeedArgs, TellArgs};
 use super::summary::summary;
-use super::{Failure, print};
 use crate::config::RunConfig;
 use crate::link::Address;
 use crate::output::ResultFolder;
@@ -26,14 +27,12 @@ use crate::run_report::Ending;
 /// first that is not there.
 #[derive(Debug, Args)]
 pub(super) struct AttachArgs {
-    /// Serial port of the robot, such as /dev/ttyACM0, or tcp:HOST:PORT.
-    #[arg(long, value_name = "DEV")]
+    #[arg(long, value_name = "DEV", help = PORT)]
     port: Address,
-    /// Rate of the serial port, bit/s.
+    /// Rate of a serial port, bit/s.
     #[arg(long, value_name = "N", default_value_t = 921_600)]
-    baud: u32,
-    /// Which laser is plugged into the robot.
-    #[arg(long, value_enum)]
+    link_baud: u32,
+    #[arg(long, value_enum, help = LRF)]
     lrf: RobotLaser,
     /// Rate to which the robot raises its laser if it is slower, bit/s; auto is what every cable can.
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = parse_baud)]
@@ -54,30 +53,18 @@ pub(super) struct AttachArgs {
     /// Leave the robot mapping at the end, for another attach.
     #[arg(long)]
     keep_running: bool,
-    /// Configuration; `lrfslam config` prints one. Without, a robot has defaults of its own.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Change one value of the configuration; may be given more than once.
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
-    set: Vec<String>,
-    /// Start of the random numbers.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
-    /// End after so many scans.
-    #[arg(long, value_name = "N")]
-    scans: Option<usize>,
-    /// End after so many seconds of scans.
-    #[arg(long, value_name = "S")]
-    seconds: Option<f64>,
-    /// Particles of the robot; the same as --set particles.particles=N. No more than it has memory for.
-    #[arg(long, value_name = "N")]
+    #[command(flatten)]
+    config: ConfigArgs,
+    #[command(flatten)]
+    seed: SeedArgs,
+    #[command(flatten)]
+    end: EndArgs,
+    #[arg(long, value_name = "N", help = PARTICLES)]
     particles: Option<u16>,
-    /// 1: the robot's own path and map; 2: loops are closed here; the same as --set hierarchy.levels=N.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=2))]
+    #[arg(long, value_name = "N", help = LEVELS, value_parser = clap::value_parser!(u16).range(1..=2))]
     levels: Option<u16>,
-    /// No lines on the way; only the result.
-    #[arg(long, short)]
-    quiet: bool,
+    #[command(flatten)]
+    tell: TellArgs,
 }
 
 /// Lasers that a robot can drive.
@@ -110,10 +97,9 @@ impl AttachArgs {
     }
 
     fn config(&self) -> Result<RunConfig, Failure> {
-        let mut overrides = self.set.clone();
-        overrides.extend(self.particles.map(|count| format!("particles.particles={count}")));
-        overrides.extend(self.levels.map(|levels| format!("hierarchy.levels={levels}")));
-        RunConfig::load_over(RunConfig::for_robot(), self.config.as_deref(), &overrides).map_err(Failure::start)
+        let particles = self.particles.map(|count| format!("particles.particles={count}"));
+        let levels = self.levels.map(|levels| format!("hierarchy.levels={levels}"));
+        self.config.load_over(RunConfig::for_robot(), particles.into_iter().chain(levels))
     }
 }
 
@@ -122,13 +108,13 @@ pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
     let config = args.config()?;
     let mut book = Book::open(args, &config)?;
     let mut memory = ClientMemory::default();
-    let robot = config.robot(args.seed, args.laser());
+    let robot = config.robot(args.seed.seed, args.laser());
     let resume = book.run.as_ref().and_then(RobotRun::progress);
     let mut client = RobotClient::new(&robot, this_epoch(), resume, &mut memory);
     if args.restart {
         client.ask(&ToRobot::Restart).map_err(Failure::start)?;
     }
-    let mut link = RobotLink::new(&args.port, args.baud, client);
+    let mut link = RobotLink::new(&args.port, args.link_baud, client);
     while !stop.load(Ordering::Relaxed) && !book.is_enough() {
         link.serve(LISTEN, &mut |event| book.take(event));
         book.damaged_frames = link.client().session().counters().frames.damaged;
@@ -220,7 +206,8 @@ impl<'a> Book<'a> {
             Some(out) => {
                 let none = || anyhow!("{}: nothing to resume, there is no {JOURNAL}", out.display());
                 let (last, place) = last_life(out).ok_or_else(none).map_err(Failure::Start)?;
-                let stored = ResultFolder::go_on(&place).and_then(|stored| RobotRun::resume(stored, config, args.seed));
+                let stored =
+                    ResultFolder::go_on(&place).and_then(|stored| RobotRun::resume(stored, config, args.seed.seed));
                 (run, life) = (Some(stored.map_err(Failure::Start)?), last);
             }
             None => folder = Some(args.out.folder("robot")?),
@@ -243,9 +230,7 @@ impl<'a> Book<'a> {
     }
 
     fn say(&self, text: &str) {
-        if !self.args.quiet {
-            say(text);
-        }
+        self.args.tell.say(text);
     }
 
     fn take(&mut self, event: LinkEvent<'_>) {
@@ -313,7 +298,7 @@ impl<'a> Book<'a> {
             self.close(Some(&anyhow!("the robot started anew")));
         }
         self.life += 1;
-        let opened = self.next_folder().and_then(|folder| RobotRun::open(folder, self.config, self.args.seed));
+        let opened = self.next_folder().and_then(|folder| RobotRun::open(folder, self.config, self.args.seed.seed));
         match opened {
             Ok(run) => self.run = Some(run),
             Err(fault) => self.fail(fault),
@@ -338,8 +323,8 @@ impl<'a> Book<'a> {
         let ending = if why.is_some() { Ending::Failed } else { Ending::Complete };
         let port = self.args.port.to_string();
         let done = run.save((&port, self.damaged_frames), ending, why).and_then(|report| {
-            let text = summary(&report, run.folder().named());
-            print(&text).map_err(|_| anyhow!("standard output cannot be written"))
+            let printed = self.args.tell.print(&report, || summary(&report, run.folder().named()));
+            printed.map_err(|_| anyhow!("standard output cannot be written"))
         });
         done.unwrap_or_else(|fault| self.fail(fault));
     }
@@ -357,9 +342,7 @@ impl<'a> Book<'a> {
         let scans = run.map().scans();
         let ends = scans.first().zip(scans.last());
         let seconds = ends.map_or(0.0, |(first, last)| last.stamp.since(first.stamp).micros as f64 * 1e-6);
-        self.fault.is_some()
-            || self.args.scans.is_some_and(|enough| scans.len() >= enough)
-            || self.args.seconds.is_some_and(|enough| seconds >= enough)
+        self.fault.is_some() || self.args.end.is_reached(scans.len(), seconds)
     }
 
     fn tell_now_and_then(&mut self) {

@@ -7,6 +7,7 @@ use clap::Args;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::Duration;
 
+use super::shared::{ConfigArgs, RELATIONS, SeedArgs, TRUTH};
 use super::{Failure, print};
 use crate::calibration::{Growth, MotionFit};
 use crate::config::RunConfig;
@@ -26,15 +27,10 @@ pub(super) struct CalibrateArgs {
     log: PathBuf,
     #[command(flatten)]
     known: Known,
-    /// Configuration; `lrfslam config` prints one.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Change one value of the configuration; may be given more than once.
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
-    set: Vec<String>,
-    /// Start of the random numbers.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    config: ConfigArgs,
+    #[command(flatten)]
+    seed: SeedArgs,
     /// Write the section to this file instead of printing it.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -43,19 +39,20 @@ pub(super) struct CalibrateArgs {
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct Known {
-    /// True displacements: lines `t1 t2 x y z roll pitch yaw`.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help = RELATIONS)]
     relations: Option<PathBuf>,
-    /// The true path: TUM, or lines `t x y theta`.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help = TRUTH)]
     truth: Option<PathBuf>,
 }
 
 pub(super) fn run(args: &CalibrateArgs) -> Result<(), Failure> {
-    let mut config = RunConfig::load(args.config.as_deref(), &args.set).map_err(Failure::start)?;
+    let mut config = args.config.load()?;
     config.hierarchy.levels = 0;
     let known = known_displacements(&args.known)?;
-    let matched = match_log(args, &config).map_err(Failure::Work)?;
+    let matched = {
+        let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
+        match_log(log, args.seed.seed, &config).map_err(Failure::Work)?
+    };
     let tolerance = Duration::from_millis(50);
     let errors = displacement_errors(&matched.path, &matched.steps, &known, tolerance);
     let steps = matched.steps.last().copied().unwrap_or_default();
@@ -93,12 +90,12 @@ struct Matched {
     predictions: Vec<Pose2>,
 }
 
-fn match_log(args: &CalibrateArgs, config: &RunConfig) -> anyhow::Result<Matched> {
+fn match_log(log: LogReader, seed: u64, config: &RunConfig) -> anyhow::Result<Matched> {
     let mut memory = MapperMemory::new(config, 1);
-    let mut mapper = Mapper::new(config, args.seed, &mut memory)?;
+    let mut mapper = Mapper::new(config, seed, &mut memory)?;
     let mut matched = Matched { path: Vec::new(), steps: Vec::new(), predictions: Vec::new() };
     let (mut steps, mut map_from_step) = (0, Pose2::IDENTITY);
-    for scan in LogReader::open(&args.log, config.log_options())? {
+    for scan in log {
         let scan = scan?;
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
         let (step, _) = mapper.add_scan(&scan.scan(), robot_from_lrf, None)?;

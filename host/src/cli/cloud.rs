@@ -9,19 +9,20 @@ use lrfslam_core::time::Duration;
 use nalgebra::{Isometry3, Translation3};
 use serde::Serialize;
 
+use super::Failure;
 use super::cloud_summary::{log_summary, stops_summary};
 use super::map::stem;
 use super::out::OutArgs;
-use super::{Failure, print};
+use super::shared::{ConfigArgs, SeedArgs, TellArgs};
 use crate::cloud::{
     Cloud, CloudCounts, CloudPoint, EdgeFilter, Paint, PlaneConfig, Projection, RegisterConfig, StopReport,
     TiltMounting, Track, judge_stops, planar, read_stops, read_tilt, thin, write_pcd, write_ply,
 };
-use crate::config::RunConfig;
 use crate::log::{LogReader, LogScan};
 use crate::output::{PendingFile, write_file};
 use crate::picture::{CloudView, cloud_png};
 use crate::pose_f64::PoseF64;
+use crate::run_report::Program;
 use crate::trajectory::{TimedPose, read_trajectory};
 
 /// Make a 3D map from the scans of a tilted laser.
@@ -48,12 +49,10 @@ pub(super) struct CloudArgs {
     keep_edges: bool,
     #[command(flatten)]
     look: LookArgs,
-    /// Start of the random numbers.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
-    /// Print JSON instead of tables.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    seed: SeedArgs,
+    #[command(flatten)]
+    tell: TellArgs,
 }
 
 /// What a log needs besides itself.
@@ -77,12 +76,8 @@ pub(super) struct TiltArgs {
     /// Nothing is placed between poses or readings farther apart than this, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 1.0, value_parser = metres)]
     gap: f64,
-    /// Configuration for reading the log, and for the laser's place on the robot.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Change one value of the configuration; may be given more than once.
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    config: ConfigArgs,
 }
 
 /// How the cloud looks.
@@ -122,8 +117,7 @@ fn metres(text: &str) -> Result<f64, String> {
 /// What `cloud.json` says.
 #[derive(Debug, Serialize)]
 pub(super) struct CloudReport {
-    program: &'static str,
-    version: &'static str,
+    program: Program,
     input: String,
     seed: u64,
     voxel_m: f64,
@@ -143,10 +137,9 @@ pub(super) fn run(args: &CloudArgs) -> Result<(), Failure> {
     };
     let points = thin(&cloud.points, args.voxel as f32);
     let report = CloudReport {
-        program: env!("CARGO_PKG_NAME"),
-        version: env!("CARGO_PKG_VERSION"),
+        program: Program::THIS,
         input: args.input.display().to_string(),
-        seed: args.seed,
+        seed: args.seed.seed,
         voxel_m: args.voxel,
         counts: cloud.counts,
         points: points.len(),
@@ -156,11 +149,10 @@ pub(super) fn run(args: &CloudArgs) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(&report).map_err(Failure::work)? + "\n";
     let mut folder = args.out.folder(&stem(&args.input, "cloud"))?;
     folder.save(|stage| write_results(args, stage, &points, &text)).map_err(Failure::Work)?;
-    if args.json {
-        return print(&text);
-    }
-    let summary = if report.stops.is_empty() { log_summary(&report) } else { stops_summary(&report) };
-    print(&format!("{summary}results in {}\n", folder.named().display()))
+    args.tell.print(&report, || {
+        let summary = if report.stops.is_empty() { log_summary(&report) } else { stops_summary(&report) };
+        format!("{summary}results in {}\n", folder.named().display())
+    })
 }
 
 fn edges(args: &CloudArgs) -> Option<EdgeFilter> {
@@ -175,8 +167,8 @@ fn from_stops(args: &CloudArgs) -> Result<(Cloud, Vec<StopReport>), Failure> {
         return Err(Failure::start(anyhow::anyhow!("{flag} goes with a log; {} is a folder", args.input.display())));
     }
     let stops = read_stops(&args.input).map_err(Failure::start)?;
-    let planes = PlaneConfig { seed: args.seed, ..PlaneConfig::default() };
-    let matching = RegisterConfig { seed: args.seed, ..RegisterConfig::default() };
+    let planes = PlaneConfig { seed: args.seed.seed, ..PlaneConfig::default() };
+    let matching = RegisterConfig { seed: args.seed.seed, ..RegisterConfig::default() };
     let judged = judge_stops(&stops, &planes, &matching, edges(args)).map_err(Failure::work)?;
     let mut cloud = Cloud::default();
     let poses = if args.poses == Poses::Given { &judged.given } else { &judged.map_from_lrf };
@@ -198,7 +190,7 @@ pub(super) fn from_log(
     let (Some(trajectory), Some(tilt)) = (&args.trajectory, &args.tilt) else {
         return Err(Failure::start(anyhow::anyhow!("{}: a log needs --trajectory and --tilt", input.display())));
     };
-    let config = RunConfig::load(args.config.as_deref(), &args.set).map_err(Failure::start)?;
+    let config = args.config.load()?;
     let log = LogReader::open(input, config.log_options()).map_err(Failure::start)?;
     let poses = read_trajectory(trajectory).map_err(Failure::start)?;
     let world_from_map = truth.map_or(Ok(Isometry3::identity()), |truth| world_from_map(truth, &poses))?;

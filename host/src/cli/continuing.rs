@@ -5,7 +5,6 @@ use std::path::Path;
 use lrfslam_core::geometry::Pose2;
 
 use super::Failure;
-use super::laser::say;
 use super::localize::{Start, not_whole};
 use crate::config::RunConfig;
 use crate::localize::{KnownMap, ScansAhead, StartFit, StartJudge};
@@ -85,10 +84,7 @@ pub(super) fn verified_start(
     }
     match (found, told) {
         // Nobody vouches for this one.
-        (Some(found), None) if found.contradicting <= CLEAN => {
-            say(&format!("the robot is not where it was last: it begins at {}", in_words(found.start)));
-            Ok(found.start)
-        }
+        (Some(found), None) if found.contradicting <= CLEAN => Ok(found.start),
         (Some(found), _) => {
             Err(refusal(folder, &first, &format!("it fits at {0}: --start {0}", in_words(found.start))))
         }
@@ -109,6 +105,7 @@ fn refusal(folder: &Path, fit: &StartFit, instead: &str) -> Failure {
     ))
 }
 
-fn in_words(pose: Pose2) -> String {
+/// As `--start` takes it.
+pub(super) fn in_words(pose: Pose2) -> String {
     format!("{:.2},{:.2},{:.1}", pose.x, pose.y, pose.heading.to_degrees())
 }

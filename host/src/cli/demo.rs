@@ -1,10 +1,9 @@
 //! `lrfslam demo`: its arguments. What it does is the program's business, which sees the simulator too; the library does not.
 
-use std::path::PathBuf;
-
 use clap::{Args, ValueEnum};
 
 use super::out::OutArgs;
+use super::shared::{ConfigArgs, LRF, SECONDS, SeedArgs, TellArgs};
 
 /// Show everything at once: a simulated robot drives, and its laser is mapped live.
 ///
@@ -16,27 +15,24 @@ pub struct DemoArgs {
     /// Where results go.
     #[command(flatten)]
     pub out: OutArgs,
+    #[arg(long, value_enum, default_value_t = DemoLrf::Lms200, help = LRF)]
     /// The laser.
-    #[arg(long, value_enum, default_value_t = DemoLrf::Lms200)]
     pub lrf: DemoLrf,
     /// Where: demo, office, floor, corridor, loop, a world file, or the YAML of a ROS map.
     #[arg(long, value_name = "NAME|FILE", default_value = "demo")]
     pub world: String,
-    /// End after so many seconds of the drive.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", help = SECONDS)]
+    /// When the drive ends.
     pub seconds: Option<f64>,
-    /// Configuration; `lrfslam config` prints one.
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Change one value of the configuration; may be given more than once.
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
-    pub set: Vec<String>,
-    /// Start of the random numbers, of the laser's errors and of the mapping.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seed: u64,
-    /// No lines on the way; only the result.
-    #[arg(long, short)]
-    pub quiet: bool,
+    /// The configuration of the mapping.
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Of the laser's errors and of the mapping.
+    #[command(flatten)]
+    pub seed: SeedArgs,
+    /// What is said.
+    #[command(flatten)]
+    pub tell: TellArgs,
 }
 
 /// Lasers that are simulated down to their bytes.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use lrfslam_core::time::Duration;
 
+use super::shared::{JsonArgs, RELATIONS, TRUTH};
 use super::{Failure, print};
 use crate::evaluation::{
     RelationReport, Standing, Statistics, StretchReport, TruthReport, Turn, evaluate_in_frame, evaluate_relations,
@@ -32,19 +33,16 @@ pub(super) struct EvalArgs {
     /// Both paths are in one frame: they are not aligned (with --truth).
     #[arg(long)]
     same_frame: bool,
-    /// Print JSON instead of a table.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: JsonArgs,
 }
 
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct Reference {
-    /// True displacements: lines `t1 t2 x y z roll pitch yaw`.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help = RELATIONS)]
     relations: Option<PathBuf>,
-    /// The true path: TUM, or lines `t x y theta`.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help = TRUTH)]
     truth: Option<PathBuf>,
     /// The log the trajectory was made from: its odometry shows where the robot stood and where it turned fastest.
     #[arg(long, value_name = "LOG")]
@@ -80,14 +78,14 @@ pub(super) fn run(args: &EvalArgs) -> Result<(), Failure> {
 fn by_relations(args: &EvalArgs, poses: &[TimedPose], file: &Path, tolerance: Duration) -> Result<String, Failure> {
     let relations = read_relations(file).map_err(Failure::start)?;
     let report = evaluate_relations(poses, &relations, tolerance).map_err(Failure::start)?;
-    if args.json { json(&report) } else { Ok(relation_table(&report)) }
+    args.json.choose(&report, || relation_table(&report))
 }
 
 fn by_truth(args: &EvalArgs, poses: &[TimedPose], file: &Path, tolerance: Duration) -> Result<String, Failure> {
     let truth = read_trajectory(file).map_err(Failure::start)?;
     let evaluate = if args.same_frame { evaluate_in_frame } else { evaluate_truth };
     let report = evaluate(poses, &truth, tolerance, args.stretch).map_err(Failure::start)?;
-    if args.json { json(&report) } else { Ok(truth_table(&report)) }
+    args.json.choose(&report, || truth_table(&report))
 }
 
 fn by_stretches(args: &EvalArgs, poses: &[TimedPose], log: &Path) -> Result<String, Failure> {
@@ -95,7 +93,7 @@ fn by_stretches(args: &EvalArgs, poses: &[TimedPose], log: &Path) -> Result<Stri
     let scans: Vec<LogScan> = scans.collect::<Result<_, _>>().map_err(Failure::start)?;
     let (scans, poses) = with_poses(scans, poses);
     let report = evaluate_stretches(&poses, &scans).map_err(Failure::start)?;
-    if args.json { json(&report) } else { Ok(stretch_table(&report)) }
+    args.json.choose(&report, || stretch_table(&report))
 }
 
 fn stretch_table(report: &StretchReport) -> String {
@@ -112,11 +110,6 @@ fn stretch_table(report: &StretchReport) -> String {
         let _ = writeln!(text, "{from_s:>18.1}{turned_deg:>14.1}{error_deg:>13.2}{jump_m:>16.4}");
     }
     text
-}
-
-fn json(report: &impl serde::Serialize) -> Result<String, Failure> {
-    let text = serde_json::to_string_pretty(report).map_err(Failure::work)?;
-    Ok(text + "\n")
 }
 
 fn relation_table(report: &RelationReport) -> String {

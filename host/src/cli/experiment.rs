@@ -10,12 +10,12 @@ use super::cloud::{TiltArgs, from_log};
 use super::experiment_starts::{self, StartsArgs};
 use super::experiment_sweep::{self, SweepArgs};
 use super::out::OutArgs;
+use super::shared::{CELL, ConfigArgs, JsonArgs, SEEDS, SeedArgs, TRUTH, TellArgs, with_folder};
 use super::{Failure, print};
-use crate::cloud::EdgeFilter;
-use crate::config::RunConfig;
+use crate::cloud::{CloudCounts, EdgeFilter};
 use crate::experiment::{
-    Experiment, LoopRun, MatchPairsConfig, MatchPairsReport, judge_cloud, loop_csv, loop_markdown, match_pairs,
-    normalised_csv, plot_growth, plot_normalised, read_growth, read_surfaces, run_loop,
+    CloudError, Experiment, LoopRun, MatchPairsConfig, MatchPairsReport, judge_cloud, loop_csv, loop_markdown,
+    match_pairs, normalised_csv, plot_growth, plot_normalised, read_growth, read_surfaces, run_loop,
 };
 use crate::log::{LogReader, LogScan};
 use crate::output::write_file;
@@ -52,11 +52,9 @@ enum Command {
 struct LoopArgs {
     /// The log; `lrf-sim log --world loop --then 29.5,9.5 --scans 183` makes one.
     log: PathBuf,
-    /// The true path: TUM.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help = TRUTH)]
     truth: PathBuf,
-    /// Seeds 1 to N.
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..1000))]
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..1000), help = SEEDS)]
     seeds: u64,
     /// Levels to compare.
     #[arg(long, value_name = "N,…", value_delimiter = ',', default_values_t = [1, 2], value_parser = clap::value_parser!(u16).range(0..=2))]
@@ -66,12 +64,10 @@ struct LoopArgs {
     closed: f64,
     #[command(flatten)]
     out: OutArgs,
-    /// Configuration; `lrfslam config` prints one.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Change one value of the configuration; may be given more than once.
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    config: ConfigArgs,
+    #[command(flatten)]
+    tell: TellArgs,
 }
 
 /// Does the cost of a scan grow with the map? Draws the steps of a run.
@@ -89,42 +85,36 @@ struct GrowthArgs {
 struct MatchPairsArgs {
     /// The log.
     log: PathBuf,
-    /// The path of the log's scans, as `lrfslam map` writes it: the truth.
-    #[arg(long, value_name = "FILE")]
-    trajectory: PathBuf,
+    #[arg(long, value_name = "FILE", help = TRUTH)]
+    truth: PathBuf,
     /// Pairs to draw.
     #[arg(long, value_name = "N", default_value_t = 2000)]
     pairs: u32,
     /// Scans from the first of a pair to the second.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..10_000))]
     gap: u32,
-    /// Start of the random numbers.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    seed: SeedArgs,
     /// Pairs of which a smaller share of points overlaps are left out.
     #[arg(long, value_name = "SHARE", default_value_t = 0.6)]
     overlap: f32,
-    /// Side of an NDT cell of the one scan that is matched against, m.
-    #[arg(long, value_name = "METRES", default_value_t = 0.5)]
+    #[arg(long, value_name = "METRES", default_value_t = 0.5, help = CELL)]
     cell: f32,
-    /// Configuration; `lrfslam config` prints one.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Change one value of the configuration; may be given more than once.
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    config: ConfigArgs,
     /// Draw the errors over their standard deviations, beside what these claim.
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
     /// Write these errors, a line each.
     #[arg(long, value_name = "FILE.csv")]
     errors: Option<PathBuf>,
-    /// Print JSON instead of a table.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: JsonArgs,
 }
 
 /// How far the points of a 3D map lie from the surfaces of the world that was simulated.
+///
+/// With --truth, a trajectory that SLAM made is moved so that its first pose lies on the true path.
 #[derive(Debug, Args)]
 struct Map3dArgs {
     /// The log of the tilted laser.
@@ -134,15 +124,13 @@ struct Map3dArgs {
     /// The world's surfaces, as `lrf-sim surfaces` writes them.
     #[arg(long, value_name = "FILE")]
     surfaces: PathBuf,
-    /// The true path, where the trajectory is one of SLAM: its first pose is laid on this one.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help = TRUTH)]
     truth: Option<PathBuf>,
     /// Keep the points in free air that a laser reports at edges.
     #[arg(long)]
     keep_edges: bool,
-    /// Print JSON instead of a table.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: JsonArgs,
 }
 
 pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
@@ -160,7 +148,7 @@ pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
 }
 
 fn run_loops(args: &LoopArgs) -> Result<(), Failure> {
-    let config = RunConfig::load(args.config.as_deref(), &args.set).map_err(Failure::start)?;
+    let config = args.config.load()?;
     let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
     let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
     let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
@@ -173,7 +161,7 @@ fn run_loops(args: &LoopArgs) -> Result<(), Failure> {
     folder
         .save(|stage| Ok(files.iter().try_for_each(|(name, text)| write_file(&stage.join(name), text.as_bytes()))?))
         .map_err(Failure::Work)?;
-    print(&format!("{table}\nresults in {}\n", folder.named().display()))
+    args.tell.print(&runs, || with_folder(&table, folder.named()))
 }
 
 fn run_growth(args: &GrowthArgs) -> Result<(), Failure> {
@@ -191,15 +179,15 @@ fn save(file: &Path, text: &str) -> Result<(), Failure> {
 }
 
 fn run_match_pairs(args: &MatchPairsArgs) -> Result<(), Failure> {
-    let config = RunConfig::load(args.config.as_deref(), &args.set).map_err(Failure::start)?;
+    let config = args.config.load()?;
     let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
     let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
-    let poses = read_trajectory(&args.trajectory).map_err(Failure::start)?;
+    let poses = read_trajectory(&args.truth).map_err(Failure::start)?;
     let (scans, poses) = with_poses(scans, &poses);
     let pairs = MatchPairsConfig {
         pairs: args.pairs,
         gap: args.gap,
-        seed: args.seed,
+        seed: args.seed.seed,
         overlap_min: args.overlap,
         cell_size_m: args.cell,
     };
@@ -210,11 +198,7 @@ fn run_match_pairs(args: &MatchPairsArgs) -> Result<(), Failure> {
     if let Some(file) = &args.errors {
         save(file, &normalised_csv(&report.errors))?;
     }
-    if args.json {
-        let text = serde_json::to_string_pretty(&report).map_err(Failure::work)?;
-        return print(&(text + "\n"));
-    }
-    print(&table(&report))
+    print(&args.json.choose(&report, || table(&report))?)
 }
 
 fn run_map3d(args: &Map3dArgs) -> Result<(), Failure> {
@@ -223,12 +207,11 @@ fn run_map3d(args: &Map3dArgs) -> Result<(), Failure> {
     let cloud = from_log(&args.log, &args.tilted, edges, args.truth.as_deref())?;
     let points: Vec<_> = cloud.points.iter().map(|point| point.position.cast()).collect();
     let error = judge_cloud(&points, &surfaces);
-    if args.json {
-        let text = serde_json::to_string_pretty(&error).map_err(Failure::work)?;
-        return print(&(text + "\n"));
-    }
-    let counts = &cloud.counts;
-    print(&format!(
+    print(&args.json.choose(&error, || cloud_error(&error, &cloud.counts))?)
+}
+
+fn cloud_error(error: &CloudError, counts: &CloudCounts) -> String {
+    format!(
         "{} points of {} hits ({} mixed, {} unplaced), {} surfaces\n\
          distance, mm: median {:.1}, mean {:.1}, 95 % {:.1}, max {:.1}; {:.2} % within 5 cm\n",
         error.points,
@@ -241,7 +224,7 @@ fn run_map3d(args: &Map3dArgs) -> Result<(), Failure> {
         1e3 * error.most_m,
         1e3 * error.max_m,
         100.0 * error.near
-    ))
+    )
 }
 
 fn table(report: &MatchPairsReport) -> String {

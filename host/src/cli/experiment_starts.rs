@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use lrfslam_core::time::Duration;
 
-use super::localize::{config_of, not_whole};
+use super::localize::not_whole;
+use super::shared::{ConfigArgs, MAP, SeedArgs, TRUTH};
 use super::{Failure, print};
 use crate::experiment::{StartsConfig, starts_csv, starts_summary, try_starts};
 use crate::localize::KnownMap;
@@ -15,15 +16,15 @@ use crate::saved_map::SavedMap;
 use crate::trajectory::read_trajectory;
 
 /// Does a robot find itself in a saved map, wherever it is switched on? Starts every few seconds of a log, each from an unknown place.
+///
+/// The true path is in the map's frame, with a pose under the time of every scan.
 #[derive(Debug, Args)]
 pub(super) struct StartsArgs {
     /// The log.
     log: PathBuf,
-    /// Folder that `lrfslam map` has written.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", help = MAP)]
     map: PathBuf,
-    /// The true path in the map's frame, with a pose under the time of every scan: TUM.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help = TRUTH)]
     truth: PathBuf,
     /// From start to start, s.
     #[arg(long, value_name = "S", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
@@ -37,20 +38,18 @@ pub(super) struct StartsArgs {
     /// Farther from the true heading is wrong, degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = 5.0)]
     wrong_deg: f64,
-    /// Start of the random numbers.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    seed: SeedArgs,
     /// Table with a line for each start.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
-    /// Change one value of the configuration; may be given more than once.
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    config: ConfigArgs,
 }
 
 pub(super) fn run(args: &StartsArgs) -> Result<(), Failure> {
     let saved = SavedMap::read(&args.map).map_err(Failure::start)?;
-    let config = config_of(&saved, None, &args.set)?;
+    let config = args.config.load_over(saved.config, [])?;
     let map = KnownMap::new(&saved, &config).map_err(|error| not_whole(&args.map, &error))?;
     let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
     let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
@@ -61,7 +60,7 @@ pub(super) fn run(args: &StartsArgs) -> Result<(), Failure> {
         patience: seconds(args.patience),
         wrong_m: args.wrong,
         wrong_deg: args.wrong_deg,
-        seed: args.seed,
+        seed: args.seed.seed,
     };
     let outcomes = try_starts(&config, &starts, &map, &scans, &truth).map_err(Failure::Work)?;
     if let Some(file) = &args.out {

@@ -6,8 +6,9 @@ use anyhow::Context as _;
 use clap::Args;
 use lrfslam_core::de::DeConfig;
 
+use super::Failure;
 use super::out::OutArgs;
-use super::{Failure, print};
+use super::shared::{CELL, ConfigArgs, SEEDS, TRUTH, TellArgs, with_folder};
 use crate::config::RunConfig;
 use crate::experiment::{
     Experiment, Method, MotionModel, PairError, SweepCase, SweepConfig, SweepReport, fit_motion_model, markdown,
@@ -22,9 +23,8 @@ use crate::trajectory::{read_trajectory, with_poses};
 pub(super) struct SweepArgs {
     /// The log.
     log: PathBuf,
-    /// The true path of the log's scans: a pose for each, TUM or `t x y theta`.
-    #[arg(long, value_name = "FILE")]
-    trajectory: PathBuf,
+    #[arg(long, value_name = "FILE", help = TRUTH)]
+    truth: PathBuf,
     #[command(flatten)]
     out: OutArgs,
     /// Pairs of scans, spread evenly over the log (the thesis: 366 poses).
@@ -33,9 +33,8 @@ pub(super) struct SweepArgs {
     /// Scans from the first of a pair to the second.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..10_000))]
     gap: u32,
-    /// Starts of the random numbers: each is a run of its own.
-    #[arg(long, value_name = "N", value_delimiter = ',', default_values_t = [1_u64, 2, 3])]
-    seed: Vec<u64>,
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..1000), help = SEEDS)]
+    seeds: u64,
     /// Gaussian noise added to every range, mm, where it is not what is varied. The thesis: 15. For real scans, which have
     /// their own: 0.
     #[arg(long, value_name = "MM", default_value_t = 15.0, value_parser = millimetres)]
@@ -43,15 +42,12 @@ pub(super) struct SweepArgs {
     /// Pairs of which a smaller share of points overlaps are left out.
     #[arg(long, value_name = "SHARE", default_value_t = 0.6)]
     overlap: f32,
-    /// Side of our method's NDT cells for the one scan that is matched against, m.
-    #[arg(long, value_name = "METRES", default_value_t = 1.0)]
+    #[arg(long, value_name = "METRES", default_value_t = 1.0, help = CELL)]
     cell: f32,
-    /// Configuration; `lrfslam config` prints one.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Change one value of the configuration; may be given more than once.
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    config: ConfigArgs,
+    #[command(flatten)]
+    tell: TellArgs,
 }
 
 fn millimetres(text: &str) -> Result<f32, String> {
@@ -60,16 +56,16 @@ fn millimetres(text: &str) -> Result<f32, String> {
 }
 
 pub(super) fn run(experiment: Experiment, args: &SweepArgs) -> Result<(), Failure> {
-    let config = RunConfig::load(args.config.as_deref(), &args.set).map_err(Failure::start)?;
+    let config = args.config.load()?;
     let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
     let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
-    let poses = read_trajectory(&args.trajectory).map_err(Failure::start)?;
+    let poses = read_trajectory(&args.truth).map_err(Failure::start)?;
     let (scans, poses) = with_poses(scans, &poses);
     let cases = cases(experiment, &config, args.noise / 1000.0);
     let plan = SweepConfig {
         poses: args.poses as usize,
         gap: args.gap as usize,
-        seeds: args.seed.clone(),
+        seeds: (1..=args.seeds).collect(),
         overlap_min: args.overlap,
         cell_size_m: args.cell,
     };
@@ -80,7 +76,7 @@ pub(super) fn run(experiment: Experiment, args: &SweepArgs) -> Result<(), Failur
     let results = Results { cases: &cases, report: &report, model: model.as_ref(), ours: &ours, text: &text };
     let mut folder = args.out.folder(name(experiment))?;
     folder.save(|stage| results.write(stage)).map_err(Failure::Work)?;
-    print(&format!("{text}\nresults in {}\n", folder.named().display()))
+    args.tell.print(&report, || with_folder(&text, folder.named()))
 }
 
 fn name(experiment: Experiment) -> &'static str {

@@ -10,6 +10,7 @@ use clap::{Args, ValueEnum};
 use lrfslam_core::lrf::sick_lms::Variant;
 
 use super::Failure;
+use super::shared::{LRF, PORT, SECONDS};
 use crate::driver::{LrfFamily, LrfOptions};
 use crate::link::Address;
 use crate::live::{LiveLaser, NoLaser};
@@ -40,11 +41,9 @@ impl ValueEnum for LrfChoice {
 /// Which laser, and how it is reached.
 #[derive(Debug, Args)]
 pub(super) struct LaserArgs {
-    /// Which protocol it speaks.
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, help = LRF)]
     lrf: LrfChoice,
-    /// Serial port, such as /dev/ttyUSB0, or tcp:HOST for a Hokuyo with Ethernet.
-    #[arg(long, value_name = "DEV")]
+    #[arg(long, value_name = "DEV", help = PORT)]
     port: Address,
     /// Rate to change to, bit/s; auto finds the sensor's, and raises a slow one to what every port can.
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = parse_baud)]
@@ -68,6 +67,23 @@ pub(super) struct LaserArgs {
     /// that answers must scan within 20 s. After the first scan a laser is always waited for.
     #[arg(long)]
     wait: bool,
+}
+
+/// When a live run ends by itself.
+#[derive(Debug, Clone, Copy, Args)]
+pub(super) struct EndArgs {
+    /// End after so many scans.
+    #[arg(long, value_name = "N")]
+    scans: Option<usize>,
+    #[arg(long, value_name = "S", help = SECONDS)]
+    seconds: Option<f64>,
+}
+
+impl EndArgs {
+    /// So many scans over so many seconds are enough.
+    pub(super) fn is_reached(self, scans: usize, seconds: f64) -> bool {
+        self.scans.is_some_and(|enough| scans >= enough) || self.seconds.is_some_and(|enough| seconds >= enough)
+    }
 }
 
 pub(super) fn parse_baud(text: &str) -> Result<u32, String> {

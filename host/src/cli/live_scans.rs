@@ -2,8 +2,7 @@
 
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use anyhow::anyhow;
@@ -13,11 +12,12 @@ use lrfslam_core::scan::RangeScan;
 use lrfslam_core::sweep::SpeedLimits;
 use lrfslam_core::time::{Duration, Instant};
 
-use super::laser::{say, source_failure};
+use super::Failure;
+use super::laser::{EndArgs, say, source_failure};
 use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
-use super::summary::summary;
-use super::{Failure, print};
+use super::shared::{ConfigArgs, SeedArgs, TellArgs};
+use super::summary::{partial_notice, summary};
 use crate::config::{RunConfig, SpeedConfig};
 use crate::driver::HostClock;
 use crate::live::{Item, ScanSource, SourceReport, for_each_scan};
@@ -32,26 +32,16 @@ pub(super) struct Mapping {
     out: OutArgs,
     #[command(flatten)]
     save: SaveArgs,
-    /// Configuration; `lrfslam config` prints one.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Change one value of the configuration; may be given more than once.
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
-    set: Vec<String>,
-    /// Start of the random numbers: the same seed and scans give the same map.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
-    /// End after so many scans.
-    #[arg(long, value_name = "N")]
-    scans: Option<u64>,
-    /// End after so many seconds of scans.
-    #[arg(long, value_name = "S")]
-    seconds: Option<f64>,
+    #[command(flatten)]
+    config: ConfigArgs,
+    #[command(flatten)]
+    seed: SeedArgs,
+    #[command(flatten)]
+    end: EndArgs,
     #[command(flatten)]
     particles: ParticleArgs,
-    /// No lines on the way; only the result.
-    #[arg(long, short)]
-    quiet: bool,
+    #[command(flatten)]
+    tell: TellArgs,
 }
 
 impl Mapping {
@@ -70,14 +60,16 @@ pub(super) fn map_live(
     stop: &AtomicBool,
     args: &Mapping,
 ) -> Result<(), Failure> {
-    let config = args.particles.load(args.config.as_deref(), &args.set)?;
+    let config = args.particles.load_over(RunConfig::default(), &args.config)?;
     let mut memory = RunMemory::new(&config, args.particles.threads());
-    let map = MapRun::new(&config, args.seed, &mut memory).map_err(Failure::Start)?;
+    let map = MapRun::new(&config, args.seed.seed, &mut memory).map_err(Failure::Start)?;
     let mut folder = args.out.folder("run")?;
     let source = source(&mut folder);
     let mut session = Session::new(name, map, folder, &config, args);
     let done = for_each_scan(&source, stop, &mut |item| session.take(item));
     let report = done.map_err(source_failure)?;
+    // Ctrl-C is how a live run ends; a recording has an end of its own.
+    session.is_cut = matches!(source, ScanSource::Recording { .. }) && stop.load(Ordering::Relaxed);
     session.finish(&report)
 }
 
@@ -96,6 +88,8 @@ struct Session<'a, 'm> {
     clock: HostClock,
     /// When a line was last told, and how many scans there were then.
     told: (WallInstant, usize),
+    /// The user did not wait for the end.
+    is_cut: bool,
     fault: Option<anyhow::Error>,
 }
 
@@ -104,13 +98,11 @@ impl<'a, 'm> Session<'a, 'm> {
         let robot_from_lrf = config.robot_from_lrf();
         let watch = SpeedWatch { config: config.speed, robot_from_lrf, too_fast: 0, last: None };
         let (clock, told) = (HostClock::default(), (WallInstant::now(), 0));
-        Self { name, args, map, folder, robot_from_lrf, watch, stamps: None, clock, told, fault: None }
+        Self { name, args, map, folder, robot_from_lrf, watch, stamps: None, clock, told, is_cut: false, fault: None }
     }
 
     fn say(&self, text: &str) {
-        if !self.args.quiet {
-            say(text);
-        }
+        self.args.tell.say(text);
     }
 
     fn take(&mut self, item: Item<'_>) -> ControlFlow<()> {
@@ -140,7 +132,7 @@ impl<'a, 'm> Session<'a, 'm> {
     /// On a terminal: where the robot is, how many scans a second, and how late they are mapped.
     fn tell_now_and_then(&mut self, stamp: Instant, map_from_robot: Pose2) {
         let ((at, scans_then), scans) = (self.told, self.map.scans());
-        if self.args.quiet || at.elapsed() < TELL_EVERY || !std::io::stderr().is_terminal() {
+        if self.args.tell.is_quiet() || at.elapsed() < TELL_EVERY || !std::io::stderr().is_terminal() {
             return;
         }
         self.told = (WallInstant::now(), scans);
@@ -170,8 +162,7 @@ impl<'a, 'm> Session<'a, 'm> {
 
     fn is_enough(&self) -> bool {
         let seconds = self.stamps.map_or(0.0, |(first, last)| last.since(first).micros as f64 * 1e-6);
-        self.args.scans.is_some_and(|scans| self.map.scans() as u64 >= scans)
-            || self.args.seconds.is_some_and(|limit| seconds >= limit)
+        self.args.end.is_reached(self.map.scans(), seconds)
     }
 
     fn about(&self, laser: LaserCounts, ending: Ending) -> About {
@@ -192,14 +183,25 @@ impl<'a, 'm> Session<'a, 'm> {
         };
         let input_fault = report.input_fault().map(|fault| anyhow!("{}: {fault}", self.name));
         self.fault = self.fault.take().or(input_fault);
-        let mut about = self.about(laser, if self.fault.is_some() { Ending::Failed } else { Ending::Complete });
+        let ending = match (&self.fault, self.is_cut) {
+            (Some(_), _) => Ending::Failed,
+            (None, true) => Ending::Interrupted,
+            (None, false) => Ending::Complete,
+        };
+        let mut about = self.about(laser, ending);
         if let Source::Laser { recording, .. } = &mut about.source {
             *recording = report.recording.as_ref().map(RecordingCounts::from);
         }
         let map = &mut self.map;
         let report = self.folder.save(|stage| map.write_into(stage, &about)).map_err(Failure::Work)?;
-        print(&summary(&report, self.folder.named()))?;
-        self.fault.map_or(Ok(()), |fault| Err(Failure::Work(fault)))
+        self.args.tell.print(&report, || summary(&report, self.folder.named()))?;
+        match self.fault {
+            Some(fault) => Err(Failure::Work(fault)),
+            None if self.is_cut => {
+                Err(Failure::Interrupted(anyhow!("{}", partial_notice(&report, self.folder.named()))))
+            }
+            None => Ok(()),
+        }
     }
 }
 

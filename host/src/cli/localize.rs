@@ -7,11 +7,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use clap::Args;
 use lrfslam_core::geometry::Pose2;
 
+use super::Failure;
 use super::laser::interrupt_flag;
 use super::map::{input, open_log, progress_bar, stem};
 use super::out::OutArgs;
+use super::shared::{ConfigArgs, MAP, START, SeedArgs, TellArgs};
 use super::summary::log_lines;
-use super::{Failure, print};
 use crate::config::RunConfig;
 use crate::localize::{KnownMap, LocalizeCounts, LocalizerMemory};
 use crate::localize_run::{LocalizeReport, LocalizeRun};
@@ -27,26 +28,18 @@ use crate::saved_map::SavedMap;
 pub(super) struct LocalizeArgs {
     /// The log; - reads it from standard input.
     log: PathBuf,
-    /// Folder that `lrfslam map` has written.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", help = MAP)]
     map: PathBuf,
-    /// Where the robot starts in the map: metres and degrees, or "end", where it was last when the map was made. Without this it finds itself.
-    #[arg(long, value_name = "X,Y,DEG", value_parser = start, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,DEG", help = START, value_parser = start, allow_hyphen_values = true)]
     start: Option<Start>,
     #[command(flatten)]
     out: OutArgs,
-    /// Configuration; what it leaves out is as the map was made with.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Change one value of the configuration; may be given more than once.
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
-    set: Vec<String>,
-    /// Start of the random numbers: the same seed gives the same path.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
-    /// No progress bar and no summary.
-    #[arg(long, short)]
-    quiet: bool,
+    #[command(flatten)]
+    config: ConfigArgs,
+    #[command(flatten)]
+    seed: SeedArgs,
+    #[command(flatten)]
+    tell: TellArgs,
 }
 
 /// Where a robot starts in a saved map.
@@ -88,22 +81,17 @@ pub(super) fn start(text: &str) -> Result<Start, String> {
     }
 }
 
-/// The configuration that the map was made with, then that in `file`, then the overrides `set`.
-pub(super) fn config_of(saved: &SavedMap, file: Option<&Path>, set: &[String]) -> Result<RunConfig, Failure> {
-    RunConfig::load_over(saved.config, file, set).map_err(Failure::start)
-}
-
 pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
     let stop = interrupt_flag().map_err(Failure::Start)?;
     let saved = SavedMap::read(&args.map).map_err(Failure::start)?;
-    let config = config_of(&saved, args.config.as_deref(), &args.set)?;
+    let config = args.config.load_over(saved.config, [])?;
     let map = KnownMap::new(&saved, &config).map_err(|error| not_whole(&args.map, &error))?;
     let mut log = open_log(&args.log, config.log_options()).map_err(Failure::start)?;
     let start = args.start.map(|start| start.pose(&map));
     let mut memory = LocalizerMemory::new(&config);
-    let mut run = LocalizeRun::new((&config, args.seed), &map, start, &mut memory).map_err(Failure::Start)?;
+    let mut run = LocalizeRun::new((&config, args.seed.seed), &map, start, &mut memory).map_err(Failure::Start)?;
     let mut folder = args.out.folder(&stem(&args.log, "localized"))?;
-    let progress = progress_bar(log.size_bytes(), args.quiet);
+    let progress = progress_bar(log.size_bytes(), args.tell.is_quiet());
     let (ending, fault) = locate_scans(&mut log, &mut run, &config, (&progress, stop));
     progress.finish_and_clear();
     let source = Source::Log { input: input(&args.log, &mut log), log: log.counts(), range_max_m: log.range_max_m() };
@@ -113,7 +101,7 @@ pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
         map_program: saved.program.clone(),
         source,
         config,
-        seed: args.seed,
+        seed: args.seed.seed,
         start: start.map(|pose| [pose.x, pose.y, pose.heading.to_degrees()]),
         localisation,
         first_found_after_s,
@@ -122,9 +110,7 @@ pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
         fault: fault.as_ref().map(|error| format!("{error:#}")),
     };
     let report = folder.save(|stage| run.write_into(stage, describe)).map_err(Failure::Work)?;
-    if !args.quiet {
-        print(&summary(&report, folder.named()))?;
-    }
+    args.tell.print(&report, || summary(&report, folder.named()))?;
     let partial = || format!("partial results are in {}", folder.named().display());
     match (ending, fault) {
         (_, Some(fault)) => Err(Failure::Work(fault.context(partial()))),

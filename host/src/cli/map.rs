@@ -6,18 +6,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::continuing::{ReadAhead, verified_start};
+use super::Failure;
+use super::continuing::{ReadAhead, in_words, verified_start};
 use super::laser::{interrupt_flag, say};
 use super::localize::Start;
 use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
-use super::summary::summary;
-use super::{Failure, print};
+use super::shared::{ConfigArgs, START, SeedArgs, TellArgs};
+use super::summary::{partial_notice, summary};
 use crate::config::RunConfig;
 use crate::log::{LogError, LogOptions, LogReader};
 use crate::map_run::{About, MapRun, RunMemory};
 use crate::output::ResultFolder;
-use crate::run_report::{Ending, Input, RunReport, Source};
+use crate::run_report::{Ending, Input, Source};
 use crate::saved_map::SavedMap;
 
 /// Map a recorded laser log.
@@ -26,6 +27,8 @@ use crate::saved_map::SavedMap;
 /// trajectory.tum (the robot's pose for every scan, by time), map.pgm and map.yaml (for ROS), map.png (for people), steps.csv
 /// (what the particle filter did), run.json and map.lrfslam (for `lrfslam localize`). Ctrl-C ends the run early; what was
 /// mapped until then is written.
+///
+/// With --continue the robot starts where it was last, if that fits the map, else where it finds itself; a --start that does not fit is refused.
 #[derive(Debug, Args)]
 pub(super) struct MapArgs {
     /// The log; - reads it from standard input.
@@ -34,21 +37,14 @@ pub(super) struct MapArgs {
     out: OutArgs,
     #[command(flatten)]
     save: SaveArgs,
-    /// Configuration; `lrfslam config` prints one.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Change one value of the configuration; may be given more than once.
-    #[arg(long, value_name = "SECTION.KEY=VALUE")]
-    set: Vec<String>,
-    /// Start of the random numbers: the same seed gives the same map.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    config: ConfigArgs,
+    #[command(flatten)]
+    seed: SeedArgs,
     /// Go on with a map made before: its path, scans and configuration stay, and the log is added. Results go to --out.
     #[arg(long = "continue", value_name = "DIR")]
     continued: Option<PathBuf>,
-    /// Where the robot starts in that map: x and y in metres and degrees, or "end", where it was last [default: there if that fits the map,
-    /// else wherever it finds itself]. A start that does not fit the map is refused.
-    #[arg(long, value_name = "X,Y,DEG", requires = "continued", allow_hyphen_values = true, value_parser = super::localize::start)]
+    #[arg(long, value_name = "X,Y,DEG", help = START, requires = "continued", allow_hyphen_values = true, value_parser = super::localize::start)]
     start: Option<Start>,
     /// Believe --start without a look at the map: for a robot that begins where the map knows little.
     #[arg(long, requires = "start")]
@@ -58,38 +54,39 @@ pub(super) struct MapArgs {
     odometry: bool,
     #[command(flatten)]
     particles: ParticleArgs,
-    /// No progress bar and no summary.
-    #[arg(long, short)]
-    quiet: bool,
+    #[command(flatten)]
+    tell: TellArgs,
 }
 
 pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
     let stop = interrupt_flag().map_err(Failure::Start)?;
     let saved = args.continued.as_deref().map(SavedMap::read).transpose().map_err(Failure::start)?;
     let defaults = saved.as_ref().map_or_else(RunConfig::default, |saved| saved.config);
-    let config = args.particles.load_over(defaults, args.config.as_deref(), &args.set)?;
+    let config = args.particles.load_over(defaults, &args.config)?;
     let log = open_log(&args.log, config.log_options()).map_err(Failure::start)?;
     let mut scans = ReadAhead::new(log);
     let mut memory = RunMemory::new(&config, args.particles.threads());
-    let mut map = MapRun::new(&config, args.seed, &mut memory).map_err(Failure::Start)?;
+    let mut map = MapRun::new(&config, args.seed.seed, &mut memory).map_err(Failure::Start)?;
     let mut start = args.start.and_then(Start::told);
     if let (Some(saved), Some(folder), false) = (&saved, &args.continued, args.trust_start) {
-        start = Some(verified_start(saved, folder, (&config, args.seed), args.start, &mut scans)?);
+        let found = verified_start(saved, folder, (&config, args.seed.seed), args.start, &mut scans)?;
+        if start.is_none() {
+            args.tell.say(&format!("the log begins at {} in the map", in_words(found)));
+        }
+        start = Some(found);
     }
     let mut folder = args.out.folder(&stem(&args.log, "map"))?;
     if let (Some(saved), Some(folder)) = (&saved, &args.continued) {
         map.go_on(saved, folder, start).map_err(Failure::Start)?;
     }
-    let progress = progress_bar(scans.log().size_bytes(), args.quiet);
+    let progress = progress_bar(scans.log().size_bytes(), args.tell.is_quiet());
     let mut mapping = Mapping { args, config: &config, scans, folder: &mut folder, stop };
     let (ending, fault) = mapping.map_scans(&mut map, &progress);
     progress.finish_and_clear();
     let about = mapping.about(ending, fault.as_ref());
     let report = mapping.folder.save(|stage| map.write_into(stage, &about));
     let report = report.map_err(|error| Failure::Work(with_cause(error, fault.as_ref())))?;
-    if !args.quiet {
-        print(&summary(&report, folder.named()))?;
-    }
+    args.tell.print(&report, || summary(&report, folder.named()))?;
     let notice = || partial_notice(&report, folder.named());
     match (ending, fault) {
         (_, Some(fault)) => Err(Failure::Work(fault.context(notice()))),
@@ -169,10 +166,6 @@ fn input_so_far(path: &Path, log: &LogReader) -> Input {
 pub(super) fn input(path: &Path, log: &mut LogReader) -> Input {
     let sha256 = Some(log.sha256());
     Input { sha256, ..input_so_far(path, log) }
-}
-
-fn partial_notice(report: &RunReport, out: &Path) -> String {
-    format!("stopped after {} scans; partial results are in {}", report.cost.scans, out.display())
 }
 
 /// A failed last write must not hide what went wrong before it.

@@ -6,6 +6,7 @@ mod attach;
 mod calibrate;
 mod cloud;
 mod cloud_summary;
+mod completions;
 mod config;
 mod continuing;
 pub mod demo;
@@ -23,27 +24,30 @@ mod laser;
 mod live_scans;
 mod localize;
 mod lrf;
+mod man;
 mod map;
 mod out;
 mod particles;
 mod replay;
 mod run;
+mod shared;
 mod summary;
 
 pub use self::laser::interrupt_flag;
 pub use self::out::{OutArgs, SaveArgs};
+pub use self::shared::{ConfigArgs, JsonArgs, SeedArgs, TellArgs};
 
 use std::ffi::OsString;
 use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 /// Laser SLAM without odometry.
 ///
 /// Turns a recorded laser log into a map and the robot's path.
 #[derive(Debug, Parser)]
-#[command(name = "lrfslam", version, about, after_help = EXIT_CODES, max_term_width = 100, arg_required_else_help = true)]
+#[command(name = "lrfslam", version = env!("LRFSLAM_VERSION"), about, after_help = EXIT_CODES, max_term_width = 100, arg_required_else_help = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -60,9 +64,11 @@ enum Command {
     Attach(Box<attach::AttachArgs>),
     Lrf(lrf::LrfArgs),
     Calibrate(calibrate::CalibrateArgs),
-    Config(config::ConfigArgs),
+    Config(config::PrintArgs),
     Demo(demo::DemoArgs),
     Experiment(experiment::ExperimentArgs),
+    Completions(completions::CompletionsArgs),
+    Man(man::ManArgs),
 }
 
 const EXIT_CODES: &str = "\
@@ -71,7 +77,8 @@ Exit codes:
   1    a fault on the way: what was earned until then is written, and said to be partial
   2    wrong usage, or input that is wrong from the start: nothing was done
   3    done, but the robot was not found in the map (localize, map --continue)
-  130  ended early by ctrl-C: what was earned until then is written, and said to be partial";
+  130  ended early by ctrl-C: what was earned until then is written, and said to be partial
+Ctrl-C is how run, attach and demo end: with 0. Pressed twice, it ends every command at once.";
 
 /// Why a command did not end well.
 #[derive(Debug)]
@@ -105,6 +112,11 @@ pub fn not_built_in(what: &str, feature: &str) -> Failure {
     ))
 }
 
+/// The whole command line, as help, completions and manual pages have it.
+pub fn command() -> clap::Command {
+    Cli::command()
+}
+
 /// What `lrfslam demo` does, and then has to tell; the program brings it along, because it sees the simulator too.
 pub type Show = dyn Fn(&demo::DemoArgs) -> Result<String, Failure>;
 
@@ -131,6 +143,8 @@ pub fn run(args: impl IntoIterator<Item = OsString>, show: &Show) -> ExitCode {
         Command::Config(args) => config::run(args),
         Command::Demo(args) => show(args).and_then(|text| print(&text)),
         Command::Experiment(args) => experiment::run(args),
+        Command::Completions(args) => completions::run(args),
+        Command::Man(args) => man::run(args),
     };
     let (error, code) = match done {
         Ok(()) => return ExitCode::SUCCESS,

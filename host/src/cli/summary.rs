@@ -38,6 +38,11 @@ pub(super) fn summary(report: &RunReport, out: &Path) -> String {
     text
 }
 
+/// What is said of results that are not whole.
+pub(super) fn partial_notice(report: &RunReport, out: &Path) -> String {
+    format!("stopped after {} scans; partial results are in {}", report.cost.scans, out.display())
+}
+
 /// Path, map, loops, and how far to trust them.
 fn push_quality(text: &mut String, quality: &Quality) {
     let _ = write!(text, "path {:.1} m", quality.path_m);

@@ -17,13 +17,14 @@ use lrfslam_host::config::RunConfig;
 use lrfslam_host::live::{ScanSource, for_each_scan};
 use lrfslam_host::map_run::{MapRun, RunMemory};
 use lrfslam_host::output::ResultFolder;
+use lrfslam_host::run_report::RunReport;
 
 use self::robot::SimulatedRobot;
 use self::session::Session;
 
 /// Runs the demonstration; returns what there is to tell.
 pub fn run(args: &DemoArgs) -> Result<String, Failure> {
-    let config = RunConfig::load(args.config.as_deref(), &args.set).map_err(Failure::start)?;
+    let config = args.config.load()?;
     let scenario = Scenario::load(&args.world).map_err(Failure::start)?;
     if args.seconds.is_none() && scenario.drive().end().is_none() {
         let error = anyhow!("{}: its robot has no route: say by --seconds how long it is to drive", args.world);
@@ -31,9 +32,10 @@ pub fn run(args: &DemoArgs) -> Result<String, Failure> {
     }
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut memory = RunMemory::new(&config, threads);
-    let map = MapRun::new(&config, args.seed, &mut memory).map_err(Failure::Start)?;
+    let map = MapRun::new(&config, args.seed.seed, &mut memory).map_err(Failure::Start)?;
     let folder = args.out.folder("demo")?;
-    show(args, &config, scenario, (map, folder)).map_err(Failure::Work)
+    let (report, text) = show(args, &config, scenario, (map, folder)).map_err(Failure::Work)?;
+    args.tell.choose(&report, || text)
 }
 
 fn show(
@@ -41,7 +43,7 @@ fn show(
     config: &RunConfig,
     scenario: Scenario,
     (map, mut folder): (MapRun<'_>, ResultFolder),
-) -> Result<String> {
+) -> Result<(RunReport, String)> {
     let stop = interrupt_flag()?;
     let robot = SimulatedRobot::start(scenario, args)?;
     let source = ScanSource::Live(robot.laser(args));
@@ -49,9 +51,10 @@ fn show(
     let done = for_each_scan(&source, stop, &mut |item| session.take(item));
     robot.switch_off()?;
     let done = done?;
-    let table = folder.save(|stage| {
+    let (report, table) = folder.save(|stage| {
         let drive = session.finish(&done, stage)?;
-        results::write(args, config, &robot, &drive, stage)
+        let table = results::write(args, config, &robot, &drive, stage)?;
+        Ok((drive.report, table))
     })?;
-    Ok(format!("{table}\nresults in {}\n", folder.named().display()))
+    Ok((report, format!("{table}\nresults in {}\n", folder.named().display())))
 }

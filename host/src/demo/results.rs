@@ -207,7 +207,7 @@ fn table(args: &DemoArgs, errors: &Errors, cloud: &Cloud, judged: usize, drive: 
          {:.1} % of {judged} cloud points lie within {:.0} cm of a true surface (wanted: 95 %); {} mixed pixels were taken out of {} hits.\n",
         args.lrf,
         args.world,
-        args.seed,
+        args.seed.seed,
         drive.level.len(),
         drive.report.cost.driven_s,
         drive.tilted.len(),

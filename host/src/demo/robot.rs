@@ -113,12 +113,12 @@ impl SimulatedRobot {
         let port = folder.path().join("laser");
         let departure = Departure(Arc::new(AtomicI64::new(i64::MAX)));
         let scene = Box::new(WaitingScene { scene: scenario.scene(), departure: departure.clone() });
-        let mut device = device(args.lrf, scene, args.seed);
+        let mut device = device(args.lrf, scene, args.seed.seed);
         let clock = PatientClock::new();
         let mut running = clock.running();
         let stop = Arc::new(AtomicBool::new(false));
         let (sender, served) = channel();
-        let (link, off, seed) = (port.clone(), stop.clone(), args.seed);
+        let (link, off, seed) = (port.clone(), stop.clone(), args.seed.seed);
         std::thread::spawn(move || {
             let done = pty::serve(device.as_mut(), &link, FaultPlan::default(), seed, &mut running, &off);
             // Nobody listens only if the demonstration has failed already.

@@ -141,9 +141,7 @@ impl<'a, 'm> Session<'a, 'm> {
     }
 
     fn say(&self, text: &str) {
-        if !self.args.quiet {
-            eprintln!("{text}");
-        }
+        self.args.tell.say(text);
     }
 
     /// Writes the mapper's results into `folder`.

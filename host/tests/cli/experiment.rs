@@ -13,7 +13,7 @@ fn example(name: &str) -> String {
 /// Runs an experiment on the example log; the folder's results and its table.
 fn experiment(folder: &Path, name: &str, more: &[&str]) -> (serde_json::Value, String) {
     let (log, truth) = (example("floor.log.gz"), example("floor.tum.gz"));
-    let arguments = ["experiment", name, &log, "--trajectory", &truth, "--poses", "40", "--seed", "1,2", "--gap", "2"];
+    let arguments = ["experiment", name, &log, "--truth", &truth, "--poses", "40", "--seeds", "2", "--gap", "2"];
     let out = ["--out", name, "--overwrite"];
     let (code, stdout, stderr) = run(folder, &[&arguments[..], &out, more].concat());
     assert_eq!((code, stderr.as_str()), (0, ""));
@@ -75,11 +75,11 @@ fn same_input_same_bytes_and_wrong_input_is_named() {
 
     fs::write(folder.path().join("short.tum"), "0 0 0 0\n").unwrap();
     let log = example("floor.log.gz");
-    let (code, _, stderr) = run(folder.path(), &["experiment", "lrf-noise", &log, "--trajectory", "short.tum"]);
+    let (code, _, stderr) = run(folder.path(), &["experiment", "lrf-noise", &log, "--truth", "short.tum"]);
     assert_eq!(code, 2);
     assert!(stderr.contains("scans and the trajectory 0 poses: expected a pose for every scan"), "{stderr}");
     let truth = example("floor.tum.gz");
-    let picky = ["experiment", "lrf-noise", &log, "--trajectory", &truth, "--overlap", "1.1"];
+    let picky = ["experiment", "lrf-noise", &log, "--truth", &truth, "--overlap", "1.1"];
     assert!(
         run(folder.path(), &picky)
             .2

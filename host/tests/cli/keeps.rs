@@ -111,7 +111,7 @@ fn ctrl_c_writes_what_was_mapped_and_says_partial() {
     assert_eq!((report(&out)["ending"].as_str(), report(&out)["partial"].as_bool()), (Some("running"), Some(true)));
     interrupt(&child);
     std::thread::sleep(Duration::from_millis(300));
-    let _ = log.write_all(log_of(80)[log_of(60).len()..].as_bytes());
+    let _ = log.write_all(&log_of(80).as_bytes()[log_of(60).len()..]);
     drop(log);
     let done = child.wait_with_output().unwrap();
     let stderr = String::from_utf8(done.stderr).unwrap();

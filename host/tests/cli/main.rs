@@ -13,3 +13,4 @@ mod localize;
 mod map_server;
 mod real_logs;
 mod results;
+mod vocabulary;
