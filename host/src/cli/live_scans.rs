@@ -2,8 +2,8 @@
 
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use anyhow::anyhow;
@@ -16,13 +16,13 @@ use lrfslam_core::time::{Duration, Instant};
 use super::laser::{say, source_failure};
 use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
-use super::summary::summary;
+use super::summary::{partial_notice, summary};
 use super::{Failure, print};
 use crate::config::{RunConfig, SpeedConfig};
 use crate::driver::HostClock;
 use crate::live::{Item, ScanSource, SourceReport, for_each_scan};
 use crate::map_run::{About, MapRun, RunMemory};
-use crate::output::ResultFolder;
+use crate::output::{RECORDING, ResultFolder, shown};
 use crate::run_report::{Ending, LaserCounts, RecordingCounts, Source};
 
 /// How to map, and when to end by itself.
@@ -61,6 +61,16 @@ impl Mapping {
     }
 }
 
+impl Mapping {
+    /// Says where a recording is that does not begin among the results: a kill would leave it there.
+    pub(super) fn tell_where(&self, recording: &Path, folder: &ResultFolder) {
+        let beside = folder.growing(RECORDING);
+        if !self.quiet && recording == beside && beside.parent().is_some_and(|home| home != folder.place()) {
+            say(&format!("recording to {} until there are results", shown(&beside).display()));
+        }
+    }
+}
+
 /// Maps every scan of a source called `name`, and writes and prints what came out.
 ///
 /// * `source` — is told the folder of the results, once it is there
@@ -78,7 +88,14 @@ pub(super) fn map_live(
     let mut session = Session::new(name, map, folder, &config, args);
     let done = for_each_scan(&source, stop, &mut |item| session.take(item));
     let report = done.map_err(source_failure)?;
-    session.finish(&report)
+    // A laser goes on until ctrl-C; what has an end of its own is ended early by it.
+    let has_end = matches!(source, ScanSource::Recording { .. }) || args.scans.is_some() || args.seconds.is_some();
+    let is_early = stop.load(Ordering::Relaxed) && has_end && report.input.is_none() && !session.is_enough();
+    if session.map.scans() == 0 {
+        let nothing = anyhow!("no scan came: no results were written");
+        return Err(if stop.load(Ordering::Relaxed) { Failure::Interrupted(nothing) } else { Failure::Work(nothing) });
+    }
+    session.finish(&report, is_early)
 }
 
 /// From one line about a live run to the next.
@@ -162,9 +179,7 @@ impl<'a, 'm> Session<'a, 'm> {
             let about =
                 self.about(LaserCounts { too_fast: self.watch.too_fast, ..LaserCounts::default() }, Ending::Running);
             let saved = self.folder.save(|stage| self.map.write_into(stage, &about));
-            if let Err(error) = saved {
-                say(&format!("{error:#}; going on, and trying again in a while"));
-            }
+            self.folder.news(&saved).iter().for_each(|news| say(news));
         }
     }
 
@@ -179,11 +194,8 @@ impl<'a, 'm> Session<'a, 'm> {
         About { source, odometry: false, ending, fault: self.fault.as_ref().map(|error| format!("{error:#}")) }
     }
 
-    /// Writes the results; without a scan what was there before stays.
-    fn finish(mut self, report: &SourceReport) -> Result<(), Failure> {
-        if self.map.scans() == 0 {
-            return Err(Failure::Work(anyhow!("no scan came: no results were written")));
-        }
+    /// Writes the results of at least one scan.
+    fn finish(mut self, report: &SourceReport, is_early: bool) -> Result<(), Failure> {
         let laser = LaserCounts {
             damaged: report.counters.damaged,
             restarts: report.counters.restarts,
@@ -192,14 +204,24 @@ impl<'a, 'm> Session<'a, 'm> {
         };
         let input_fault = report.input_fault().map(|fault| anyhow!("{}: {fault}", self.name));
         self.fault = self.fault.take().or(input_fault);
-        let mut about = self.about(laser, if self.fault.is_some() { Ending::Failed } else { Ending::Complete });
+        let ending = match (&self.fault, is_early) {
+            (Some(_), _) => Ending::Failed,
+            (None, true) => Ending::Interrupted,
+            (None, false) => Ending::Complete,
+        };
+        let mut about = self.about(laser, ending);
         if let Source::Laser { recording, .. } = &mut about.source {
             *recording = report.recording.as_ref().map(RecordingCounts::from);
         }
         let map = &mut self.map;
         let report = self.folder.save(|stage| map.write_into(stage, &about)).map_err(Failure::Work)?;
         print(&summary(&report, self.folder.named()))?;
-        self.fault.map_or(Ok(()), |fault| Err(Failure::Work(fault)))
+        let notice = partial_notice(&report, self.folder.named());
+        match self.fault {
+            Some(fault) => Err(Failure::Work(fault.context(notice))),
+            None if is_early => Err(Failure::Interrupted(anyhow!(notice))),
+            None => Ok(()),
+        }
     }
 }
 

@@ -96,7 +96,7 @@ fn one_scan(args: &ScanArgs) -> Result<(), Failure> {
 }
 
 fn interrupted(what: &str) -> Failure {
-    Failure::work(anyhow::anyhow!("interrupted; {what}"))
+    Failure::Interrupted(anyhow::anyhow!("interrupted; {what}"))
 }
 
 fn describe(identity: &Identity) -> String {

@@ -11,13 +11,13 @@ use super::laser::{interrupt_flag, say};
 use super::localize::Start;
 use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
-use super::summary::summary;
+use super::summary::{partial_notice, summary};
 use super::{Failure, print};
 use crate::config::RunConfig;
 use crate::log::{LogError, LogOptions, LogReader};
 use crate::map_run::{About, MapRun, RunMemory};
 use crate::output::ResultFolder;
-use crate::run_report::{Ending, Input, RunReport, Source};
+use crate::run_report::{Ending, Input, Source};
 use crate::saved_map::SavedMap;
 
 /// Map a recorded laser log.
@@ -134,9 +134,8 @@ impl Mapping<'_> {
     fn save_if_due(&mut self, map: &mut MapRun<'_>) {
         if self.folder.is_due(self.args.save.every()) {
             let about = self.about(Ending::Running, None);
-            if let Err(error) = self.folder.save(|stage| map.write_into(stage, &about)) {
-                say(&format!("{error:#}; going on, and trying again in a while"));
-            }
+            let saved = self.folder.save(|stage| map.write_into(stage, &about));
+            self.folder.news(&saved).iter().for_each(|news| say(news));
         }
     }
 
@@ -169,10 +168,6 @@ fn input_so_far(path: &Path, log: &LogReader) -> Input {
 pub(super) fn input(path: &Path, log: &mut LogReader) -> Input {
     let sha256 = Some(log.sha256());
     Input { sha256, ..input_so_far(path, log) }
-}
-
-fn partial_notice(report: &RunReport, out: &Path) -> String {
-    format!("stopped after {} scans; partial results are in {}", report.cost.scans, out.display())
 }
 
 /// A failed last write must not hide what went wrong before it.

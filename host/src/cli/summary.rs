@@ -139,3 +139,8 @@ fn robot_notes(robot: &RobotCounts) -> Vec<Note> {
         (robot.damaged > 0, format!("{} scans or replies of the laser were refused as damaged", robot.damaged)),
     ]
 }
+
+/// Of a run that ended early, and where what it earned is.
+pub(super) fn partial_notice(report: &RunReport, out: &Path) -> String {
+    format!("stopped after {} scans; partial results are in {}", report.cost.scans, out.display())
+}
