@@ -1,6 +1,6 @@
 //! `lrf-sim log`: a drive as a CARMEN log.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -86,9 +86,7 @@ pub fn run(args: &LogArgs) -> Result<()> {
             tilt: tilt.as_mut().map(|out| out as &mut dyn Write),
         },
     )?;
-    for file in [Some(log), Some(truth), tilted, tilt].into_iter().flatten() {
-        file.finish()?;
-    }
+    Output::finish([Some(log), Some(truth), tilted, tilt].into_iter().flatten().collect())?;
     if args.quiet {
         return Ok(());
     }
@@ -150,43 +148,85 @@ fn beside(log: &Path) -> PathBuf {
     log.with_file_name(format!("{stem}.tum"))
 }
 
-/// A file, compressed if its name says so; no time of day goes into it.
-enum Output {
-    Plain(BufWriter<File>, PathBuf),
-    Gzip(GzEncoder<BufWriter<File>>, PathBuf),
+/// A file, compressed if its name says so; no time of day goes into it. It is written under its name and `.part`, and put in its
+/// place when it is whole: what was there before stays until then. A device or a pipe is written to at once.
+struct Output {
+    encoder: Encoder,
+    path: PathBuf,
+    /// Until it is finished.
+    temporary: Option<PathBuf>,
+}
+
+enum Encoder {
+    Plain(BufWriter<File>),
+    Gzip(GzEncoder<BufWriter<File>>),
 }
 
 impl Output {
     fn create(path: &Path) -> Result<Self> {
-        let file = File::create(path).with_context(|| format!("{}: cannot be made", path.display()))?;
-        let file = BufWriter::new(file);
-        Ok(match path.extension().is_some_and(|extension| extension == "gz") {
-            true => Self::Gzip(GzBuilder::new().write(file, Compression::best()), path.to_owned()),
-            false => Self::Plain(file, path.to_owned()),
-        })
+        let is_file = fs::metadata(path).map_or(true, |about| about.is_file());
+        // A link is followed.
+        let linked = fs::canonicalize(path).ok().filter(|_| is_file);
+        let target = linked.unwrap_or_else(|| path.to_owned());
+        let mut name = target.clone().into_os_string();
+        name.push(".part");
+        let temporary = is_file.then(|| PathBuf::from(name));
+        let file = File::create(temporary.as_deref().unwrap_or(&target));
+        let file = BufWriter::new(file.with_context(|| format!("{}: cannot be made", path.display()))?);
+        let encoder = match path.extension().is_some_and(|extension| extension == "gz") {
+            true => Encoder::Gzip(GzBuilder::new().write(file, Compression::best())),
+            false => Encoder::Plain(file),
+        };
+        Ok(Self { encoder, path: target, temporary })
     }
 
-    fn finish(self) -> Result<()> {
-        let (done, path) = match self {
-            Self::Plain(mut file, path) => (file.flush(), path),
-            Self::Gzip(file, path) => (file.finish().and_then(|mut file| file.flush()), path),
+    /// All that was written is on disk, under the temporary name.
+    fn flush_all(&mut self) -> io::Result<()> {
+        let file = match &mut self.encoder {
+            Encoder::Plain(file) => file,
+            Encoder::Gzip(file) => {
+                file.try_finish()?;
+                file.get_mut()
+            }
         };
-        done.with_context(|| format!("{}: cannot be written", path.display()))
+        file.flush()?;
+        if self.temporary.is_some() { file.get_ref().sync_all() } else { Ok(()) }
+    }
+
+    /// Puts the files in their places, once all of them are whole.
+    fn finish(mut files: Vec<Self>) -> Result<()> {
+        for file in &mut files {
+            file.flush_all().with_context(|| format!("{}: cannot be written", file.path.display()))?;
+        }
+        for file in &mut files {
+            let Some(temporary) = &file.temporary else { continue };
+            let placed = fs::rename(temporary, &file.path);
+            placed.with_context(|| format!("{}: cannot be written", file.path.display()))?;
+            file.temporary = None;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Output {
+    fn drop(&mut self) {
+        // Nobody is left to be told.
+        self.temporary.take().map(fs::remove_file);
     }
 }
 
 impl Write for Output {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match self {
-            Self::Plain(file, _) => file.write(bytes),
-            Self::Gzip(file, _) => file.write(bytes),
+        match &mut self.encoder {
+            Encoder::Plain(file) => file.write(bytes),
+            Encoder::Gzip(file) => file.write(bytes),
         }
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        match self {
-            Self::Plain(file, _) => file.flush(),
-            Self::Gzip(file, _) => file.flush(),
+        match &mut self.encoder {
+            Encoder::Plain(file) => file.flush(),
+            Encoder::Gzip(file) => file.flush(),
         }
     }
 }
@@ -206,5 +246,26 @@ mod tests {
     fn unknown_lasers_are_refused_in_words() {
         assert_eq!(model("utm-30lx").unwrap().rate_hz, 40.0);
         assert!(model("lms9000").unwrap_err().starts_with("expected one of lms200, lms200-3016"));
+    }
+
+    #[test]
+    fn what_was_there_stays_until_all_is_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let (plain, packed) = (folder.path().join("a.log"), folder.path().join("b.log.gz"));
+        let all = || [&plain, &packed].map(|path| Output::create(path).unwrap());
+        let read = |path: &Path| fs::read(path).unwrap_or_default();
+        for file in &mut all() {
+            file.write_all(b"half").unwrap();
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "dropped, they leave nothing");
+        fs::write(&plain, "old").unwrap();
+        let mut files = Vec::from(all());
+        files.iter_mut().for_each(|file| file.write_all(b"new").unwrap());
+        assert_eq!(read(&plain), b"old");
+        Output::finish(files).unwrap();
+        let mut text = String::new();
+        let unpacked = io::Read::read_to_string(&mut flate2::read::GzDecoder::new(&read(&packed)[..]), &mut text);
+        assert_eq!((read(&plain).as_slice(), unpacked.is_ok(), text.as_str()), (&b"new"[..], true, "new"));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 }

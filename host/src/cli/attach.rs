@@ -126,11 +126,20 @@ pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
         end(&mut link, &mut book);
     }
     book.damaged_frames = link.client().session().counters().frames.damaged;
-    book.close(None);
-    if book.life == 0 && book.fault.is_none() {
-        return Err(Failure::Work(anyhow!("no robot came: no results were written")));
+    // It goes on until ctrl-C, unless an end was asked for.
+    let is_interrupted = stop.load(Ordering::Relaxed);
+    let is_early = is_interrupted && args.end.has_end() && !book.is_enough();
+    book.close(if is_early { Ending::Interrupted } else { Ending::Complete }, None);
+    match book.fault {
+        Some(fault) => Err(Failure::Work(fault)),
+        None if !book.has_results => {
+            let missing = if book.life == 0 { "robot" } else { "scan" };
+            let nothing = anyhow!("no {missing} came: no results were written");
+            Err(if is_interrupted { Failure::Interrupted(nothing) } else { Failure::Work(nothing) })
+        }
+        None if is_early => Err(Failure::Interrupted(anyhow!("stopped early: the results are of a part"))),
+        None => Ok(()),
     }
-    book.fault.map_or(Ok(()), |fault| Err(Failure::Work(fault)))
 }
 
 /// A number that the next start will not have: ticks of 16 ms since 1970, which repeat after two years.
@@ -181,6 +190,8 @@ struct Book<'a> {
     /// The robot does not work for this host.
     is_refused: bool,
     fault: Option<anyhow::Error>,
+    /// Of one of its lives there are results.
+    has_results: bool,
 }
 
 /// DIR, DIR-2, DIR-3 …
@@ -196,7 +207,7 @@ fn lives(out: &Path) -> impl Iterator<Item = PathBuf> {
 /// Of these the last that has a journal, and which life it is.
 fn last_life(out: &Path) -> Option<(u32, PathBuf)> {
     let there = (1..).zip(lives(out)).take_while(|(_, folder)| folder.exists());
-    there.filter(|(_, folder)| folder.join(JOURNAL).exists()).last()
+    there.filter(|(_, folder)| ResultFolder::last_grown(folder, JOURNAL).is_some()).last()
 }
 
 impl<'a> Book<'a> {
@@ -206,8 +217,8 @@ impl<'a> Book<'a> {
             Some(out) => {
                 let none = || anyhow!("{}: nothing to resume, there is no {JOURNAL}", out.display());
                 let (last, place) = last_life(out).ok_or_else(none).map_err(Failure::Start)?;
-                let stored =
-                    ResultFolder::go_on(&place).and_then(|stored| RobotRun::resume(stored, config, args.seed.seed));
+                let stored = ResultFolder::go_on(&place, JOURNAL)
+                    .and_then(|stored| RobotRun::resume(stored, config, args.seed.seed));
                 (run, life) = (Some(stored.map_err(Failure::Start)?), last);
             }
             None => folder = Some(args.out.folder("robot")?),
@@ -226,6 +237,7 @@ impl<'a> Book<'a> {
             damaged_frames: 0,
             is_refused: false,
             fault: None,
+            has_results: false,
         })
     }
 
@@ -295,7 +307,7 @@ impl<'a> Book<'a> {
     fn begin_life(&mut self) {
         if self.run.is_some() {
             self.say("the robot has started anew");
-            self.close(Some(&anyhow!("the robot started anew")));
+            self.close(Ending::Failed, Some(&anyhow!("the robot started anew")));
         }
         self.life += 1;
         let opened = self.next_folder().and_then(|folder| RobotRun::open(folder, self.config, self.args.seed.seed));
@@ -316,11 +328,19 @@ impl<'a> Book<'a> {
         ResultFolder::claim(&place, false)
     }
 
-    /// Writes what is known of the robot's life.
-    fn close(&mut self, why: Option<&anyhow::Error>) {
+    /// Writes what is known of the robot's life; a fault makes any ending a failure.
+    fn close(&mut self, ending: Ending, why: Option<&anyhow::Error>) {
         let Some(mut run) = self.run.take() else { return };
+        // Without a scan what was there before stays; a robot that is left mapping is resumed by the journal.
+        if run.map().scans().is_empty() {
+            if !self.args.keep_running && !self.args.resume {
+                run.forget();
+            }
+            return;
+        }
+        self.has_results = true;
         let why = why.or(self.fault.as_ref());
-        let ending = if why.is_some() { Ending::Failed } else { Ending::Complete };
+        let ending = if why.is_some() { Ending::Failed } else { ending };
         let port = self.args.port.to_string();
         let done = run.save((&port, self.damaged_frames), ending, why).and_then(|report| {
             let printed = self.args.tell.print(&report, || summary(&report, run.folder().named()));
@@ -330,11 +350,11 @@ impl<'a> Book<'a> {
     }
 
     fn save_if_due(&mut self) {
-        let Some(run) = self.run.as_mut().filter(|run| run.folder().is_due(self.args.save.every())) else { return };
+        let is_due = |run: &&mut RobotRun| !run.map().scans().is_empty() && run.folder().is_due(self.args.save.every());
+        let Some(run) = self.run.as_mut().filter(is_due) else { return };
         let port = self.args.port.to_string();
-        if let Err(error) = run.save((&port, self.damaged_frames), Ending::Running, None) {
-            say(&format!("{error:#}; going on, and trying again in a while"));
-        }
+        let saved = run.save((&port, self.damaged_frames), Ending::Running, None);
+        run.folder().news(&saved).iter().for_each(|news| say(news));
     }
 
     fn is_enough(&self) -> bool {

@@ -80,6 +80,11 @@ pub(super) struct EndArgs {
 }
 
 impl EndArgs {
+    /// It ends by itself.
+    pub(super) fn has_end(self) -> bool {
+        self.scans.is_some() || self.seconds.is_some()
+    }
+
     /// So many scans over so many seconds are enough.
     pub(super) fn is_reached(self, scans: usize, seconds: f64) -> bool {
         self.scans.is_some_and(|enough| scans >= enough) || self.seconds.is_some_and(|enough| seconds >= enough)

@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
@@ -22,7 +23,7 @@ use crate::config::{RunConfig, SpeedConfig};
 use crate::driver::HostClock;
 use crate::live::{Item, ScanSource, SourceReport, for_each_scan};
 use crate::map_run::{About, MapRun, RunMemory};
-use crate::output::ResultFolder;
+use crate::output::{RECORDING, ResultFolder, shown};
 use crate::run_report::{Ending, LaserCounts, RecordingCounts, Source};
 
 /// How to map, and when to end by itself.
@@ -51,6 +52,16 @@ impl Mapping {
     }
 }
 
+impl Mapping {
+    /// Says where a recording is that does not begin among the results: a kill would leave it there.
+    pub(super) fn tell_where(&self, recording: &Path, folder: &ResultFolder) {
+        let beside = folder.growing(RECORDING);
+        if !self.tell.is_quiet() && recording == beside && beside.parent().is_some_and(|home| home != folder.place()) {
+            say(&format!("recording to {} until there are results", shown(&beside).display()));
+        }
+    }
+}
+
 /// Maps every scan of a source called `name`, and writes and prints what came out.
 ///
 /// * `source` — is told the folder of the results, once it is there
@@ -68,9 +79,14 @@ pub(super) fn map_live(
     let mut session = Session::new(name, map, folder, &config, args);
     let done = for_each_scan(&source, stop, &mut |item| session.take(item));
     let report = done.map_err(source_failure)?;
-    // Ctrl-C is how a live run ends; a recording has an end of its own.
-    session.is_cut = matches!(source, ScanSource::Recording { .. }) && stop.load(Ordering::Relaxed);
-    session.finish(&report)
+    // A laser goes on until ctrl-C; what has an end of its own is ended early by it.
+    let has_end = matches!(source, ScanSource::Recording { .. }) || args.end.has_end();
+    let is_early = stop.load(Ordering::Relaxed) && has_end && report.input.is_none() && !session.is_enough();
+    if session.map.scans() == 0 {
+        let nothing = anyhow!("no scan came: no results were written");
+        return Err(if stop.load(Ordering::Relaxed) { Failure::Interrupted(nothing) } else { Failure::Work(nothing) });
+    }
+    session.finish(&report, is_early)
 }
 
 /// From one line about a live run to the next.
@@ -88,8 +104,6 @@ struct Session<'a, 'm> {
     clock: HostClock,
     /// When a line was last told, and how many scans there were then.
     told: (WallInstant, usize),
-    /// The user did not wait for the end.
-    is_cut: bool,
     fault: Option<anyhow::Error>,
 }
 
@@ -98,7 +112,7 @@ impl<'a, 'm> Session<'a, 'm> {
         let robot_from_lrf = config.robot_from_lrf();
         let watch = SpeedWatch { config: config.speed, robot_from_lrf, too_fast: 0, last: None };
         let (clock, told) = (HostClock::default(), (WallInstant::now(), 0));
-        Self { name, args, map, folder, robot_from_lrf, watch, stamps: None, clock, told, is_cut: false, fault: None }
+        Self { name, args, map, folder, robot_from_lrf, watch, stamps: None, clock, told, fault: None }
     }
 
     fn say(&self, text: &str) {
@@ -154,9 +168,7 @@ impl<'a, 'm> Session<'a, 'm> {
             let about =
                 self.about(LaserCounts { too_fast: self.watch.too_fast, ..LaserCounts::default() }, Ending::Running);
             let saved = self.folder.save(|stage| self.map.write_into(stage, &about));
-            if let Err(error) = saved {
-                say(&format!("{error:#}; going on, and trying again in a while"));
-            }
+            self.folder.news(&saved).iter().for_each(|news| say(news));
         }
     }
 
@@ -170,11 +182,8 @@ impl<'a, 'm> Session<'a, 'm> {
         About { source, odometry: false, ending, fault: self.fault.as_ref().map(|error| format!("{error:#}")) }
     }
 
-    /// Writes the results; without a scan what was there before stays.
-    fn finish(mut self, report: &SourceReport) -> Result<(), Failure> {
-        if self.map.scans() == 0 {
-            return Err(Failure::Work(anyhow!("no scan came: no results were written")));
-        }
+    /// Writes the results of at least one scan.
+    fn finish(mut self, report: &SourceReport, is_early: bool) -> Result<(), Failure> {
         let laser = LaserCounts {
             damaged: report.counters.damaged,
             restarts: report.counters.restarts,
@@ -183,7 +192,7 @@ impl<'a, 'm> Session<'a, 'm> {
         };
         let input_fault = report.input_fault().map(|fault| anyhow!("{}: {fault}", self.name));
         self.fault = self.fault.take().or(input_fault);
-        let ending = match (&self.fault, self.is_cut) {
+        let ending = match (&self.fault, is_early) {
             (Some(_), _) => Ending::Failed,
             (None, true) => Ending::Interrupted,
             (None, false) => Ending::Complete,
@@ -195,11 +204,10 @@ impl<'a, 'm> Session<'a, 'm> {
         let map = &mut self.map;
         let report = self.folder.save(|stage| map.write_into(stage, &about)).map_err(Failure::Work)?;
         self.args.tell.print(&report, || summary(&report, self.folder.named()))?;
+        let notice = partial_notice(&report, self.folder.named());
         match self.fault {
-            Some(fault) => Err(Failure::Work(fault)),
-            None if self.is_cut => {
-                Err(Failure::Interrupted(anyhow!("{}", partial_notice(&report, self.folder.named()))))
-            }
+            Some(fault) => Err(Failure::Work(fault.context(notice))),
+            None if is_early => Err(Failure::Interrupted(anyhow!(notice))),
             None => Ok(()),
         }
     }

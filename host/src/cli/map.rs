@@ -131,9 +131,8 @@ impl Mapping<'_> {
     fn save_if_due(&mut self, map: &mut MapRun<'_>) {
         if self.folder.is_due(self.args.save.every()) {
             let about = self.about(Ending::Running, None);
-            if let Err(error) = self.folder.save(|stage| map.write_into(stage, &about)) {
-                say(&format!("{error:#}; going on, and trying again in a while"));
-            }
+            let saved = self.folder.save(|stage| map.write_into(stage, &about));
+            self.folder.news(&saved).iter().for_each(|news| say(news));
         }
     }
 

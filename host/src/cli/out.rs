@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::Args;
 
 use super::Failure;
+use super::laser::say;
 use crate::output::ResultFolder;
 
 /// How often a long run saves what it has.
@@ -40,7 +41,11 @@ impl OutArgs {
     /// # Errors
     /// If it cannot be used, or holds something that is not to be replaced.
     pub fn folder(&self, stem: &str) -> Result<ResultFolder, Failure> {
-        ResultFolder::choose(self.out.as_deref(), stem, self.overwrite).map_err(Failure::Start)
+        let folder = ResultFolder::choose(self.out.as_deref(), stem, self.overwrite).map_err(Failure::Start)?;
+        for file in folder.left_behind() {
+            say(&format!("{}: left by a run that was stopped before it had saved anything", file.display()));
+        }
+        Ok(folder)
     }
 
     /// As the user named it.

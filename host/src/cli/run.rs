@@ -36,6 +36,7 @@ impl RunArgs {
             return None;
         }
         let path = self.record.clone().unwrap_or_else(|| folder.growing(RECORDING));
+        self.mapping.tell_where(&path, folder);
         let (max_bytes, overwrite) = (self.record_max * 1_000_000, self.mapping.overwrites());
         Some(RecordPlan { max_bytes, overwrite, ..RecordPlan::new(path) })
     }

@@ -9,7 +9,9 @@ mod robot;
 mod session;
 mod verdict;
 
-use anyhow::{Result, anyhow};
+use std::sync::atomic::Ordering;
+
+use anyhow::anyhow;
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_host::cli::demo::DemoArgs;
 use lrfslam_host::cli::{Failure, interrupt_flag};
@@ -34,7 +36,7 @@ pub fn run(args: &DemoArgs) -> Result<String, Failure> {
     let mut memory = RunMemory::new(&config, threads);
     let map = MapRun::new(&config, args.seed.seed, &mut memory).map_err(Failure::Start)?;
     let folder = args.out.folder("demo")?;
-    let (report, text) = show(args, &config, scenario, (map, folder)).map_err(Failure::Work)?;
+    let (report, text) = show(args, &config, scenario, (map, folder))?;
     args.tell.choose(&report, || text)
 }
 
@@ -43,18 +45,22 @@ fn show(
     config: &RunConfig,
     scenario: Scenario,
     (map, mut folder): (MapRun<'_>, ResultFolder),
-) -> Result<(RunReport, String)> {
-    let stop = interrupt_flag()?;
-    let robot = SimulatedRobot::start(scenario, args)?;
+) -> Result<(RunReport, String), Failure> {
+    let stop = interrupt_flag().map_err(Failure::Start)?;
+    let robot = SimulatedRobot::start(scenario, args).map_err(Failure::Work)?;
     let source = ScanSource::Live(robot.laser(args));
     let mut session = Session::new(map, &robot, args);
     let done = for_each_scan(&source, stop, &mut |item| session.take(item));
-    robot.switch_off()?;
-    let done = done?;
-    let (report, table) = folder.save(|stage| {
+    robot.switch_off().map_err(Failure::Work)?;
+    let done = done.map_err(Failure::Work)?;
+    if session.has_failed() || (stop.load(Ordering::Relaxed) && !session.has_ended()) {
+        return Err(session.leave(&done, &mut folder));
+    }
+    let written = folder.save(|stage| {
         let drive = session.finish(&done, stage)?;
         let table = results::write(args, config, &robot, &drive, stage)?;
         Ok((drive.report, table))
-    })?;
+    });
+    let (report, table) = written.map_err(Failure::Work)?;
     Ok((report, format!("{table}\nresults in {}\n", folder.named().display())))
 }

@@ -3,12 +3,14 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Result, anyhow};
 use lrfslam_core::scan::{Beam, RangeScan};
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_host::cli::Failure;
 use lrfslam_host::cli::demo::DemoArgs;
 use lrfslam_host::live::{Item, SourceReport};
 use lrfslam_host::map_run::{About, MapRun};
+use lrfslam_host::output::ResultFolder;
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::run_report::{Ending, LaserCounts, RunReport, Source};
 
@@ -106,7 +108,13 @@ impl<'a, 'm> Session<'a, 'm> {
         }
     }
 
-    fn has_ended(&self) -> bool {
+    /// Something went wrong on the way.
+    pub fn has_failed(&self) -> bool {
+        self.fault.is_some()
+    }
+
+    /// The drive has come to its end.
+    pub fn has_ended(&self) -> bool {
         let last = [self.level.last(), self.tilted.last()].into_iter().flatten().map(|scan| scan.stamp).max();
         let driven = last.map_or(Instant::default(), |stamp| self.robot.drive_time(stamp));
         self.robot.scenario.drive().end().is_some_and(|end| driven >= end)
@@ -146,18 +154,36 @@ impl<'a, 'm> Session<'a, 'm> {
 
     /// Writes the mapper's results into `folder`.
     pub fn finish(mut self, report: &SourceReport, folder: &Path) -> Result<DriveRecord> {
-        let laser = LaserCounts {
-            damaged: report.counters.damaged,
-            restarts: report.counters.restarts,
-            overrun: report.overrun,
-            too_fast: 0,
-        };
-        let source = Source::Laser { port: "simulated".to_owned(), laser, recording: None };
-        if let Some(fault) = self.fault {
-            return Err(fault);
-        }
-        let about = About { source, odometry: false, ending: Ending::Complete, fault: None };
-        let report = self.map.write_into(folder, &about)?;
+        let report = self.map.write_into(folder, &about(report, Ending::Complete, None))?;
         Ok(DriveRecord { level: self.level, tilted: self.tilted, report })
     }
+
+    /// Writes the map of a drive that has not come to its end, where there is nothing to judge; says why it ended.
+    pub fn leave(mut self, report: &SourceReport, folder: &mut ResultFolder) -> Failure {
+        let fault = self.fault.take();
+        let ending = if fault.is_some() { Ending::Failed } else { Ending::Interrupted };
+        let about = about(report, ending, fault.as_ref());
+        let notice = match self.level.len() {
+            0 => "no scan came: no results were written".to_owned(),
+            scans => match folder.save(|stage| self.map.write_into(stage, &about)) {
+                Ok(_) => format!("stopped after {scans} scans; partial results are in {}", folder.named().display()),
+                Err(error) => return Failure::Work(error),
+            },
+        };
+        match fault {
+            Some(fault) => Failure::Work(fault.context(notice)),
+            None => Failure::Interrupted(anyhow!(notice)),
+        }
+    }
+}
+
+fn about(report: &SourceReport, ending: Ending, fault: Option<&anyhow::Error>) -> About {
+    let laser = LaserCounts {
+        damaged: report.counters.damaged,
+        restarts: report.counters.restarts,
+        overrun: report.overrun,
+        too_fast: 0,
+    };
+    let source = Source::Laser { port: "simulated".to_owned(), laser, recording: None };
+    About { source, odometry: false, ending, fault: fault.map(|fault| format!("{fault:#}")) }
 }

@@ -1,7 +1,8 @@
 //! What is written: files that are whole or not there, and folders of results that change all at once.
 
+mod beside;
 mod file;
 mod folder;
 
 pub use file::{PendingFile, write_file};
-pub use folder::{RECORDING, ResultFolder, folder_name};
+pub use folder::{RECORDING, ResultFolder, folder_name, shown};

@@ -85,8 +85,7 @@ impl Recorder {
         let is_there = plan.path.exists();
         anyhow::ensure!(plan.overwrite || !is_there, "{name}: is there already (--overwrite replaces it)");
         anyhow::ensure!(!plan.path.is_dir(), "{name}: cannot be written: it is a folder");
-        let folder = make_folder(&plan.path);
-        folder.and_then(tempfile::tempfile_in).with_context(|| format!("{name}: cannot be written"))?;
+        tempfile::tempfile_in(folder_there(&plan.path)).with_context(|| format!("{name}: cannot be written"))?;
         let (plan, now) = (plan.clone(), Instant::default());
         Ok(Self { plan, header, state: State::Waiting, block: Vec::new(), block_since: None, now, bytes: 0 })
     }
@@ -110,7 +109,7 @@ impl Recorder {
     fn create(&mut self) -> io::Result<File> {
         let text = toml::to_string(&self.header).map_err(io::Error::other)?;
         let head = [&MAGIC[..], &(text.len() as u32).to_le_bytes(), text.as_bytes()].concat();
-        make_folder(&self.plan.path)?;
+        self.plan.path.parent().map_or(Ok(()), fs::create_dir_all)?;
         let mut options = OpenOptions::new();
         options.write(true).create(true).truncate(true).create_new(!self.plan.overwrite);
         let mut file = options.open(&self.plan.path)?;
@@ -233,11 +232,10 @@ impl Recorder {
     }
 }
 
-/// The folder of `path`, made if it is not there.
-fn make_folder(path: &Path) -> io::Result<PathBuf> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    fs::create_dir_all(folder)?;
-    Ok(folder.to_owned())
+/// The folder of `path`, or as much of it as is there: the rest is made with the file.
+fn folder_there(path: &Path) -> &Path {
+    let whole = path.ancestors().skip(1).find(|folder| folder.exists());
+    whole.unwrap_or(Path::new("."))
 }
 
 fn push(block: &mut Vec<u8>, kind: u8, now: Instant, payload: &[u8]) {

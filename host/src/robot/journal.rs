@@ -28,12 +28,13 @@ fn magic() -> String {
 }
 
 impl Journal {
-    /// An empty one in place of any other.
+    /// An empty one in place of any other; its folder is made if it is not there.
     ///
     /// # Errors
     /// If it cannot be written.
     pub fn create(path: &Path) -> anyhow::Result<Self> {
-        let mut file = File::create(path).with_context(|| unwritable(path))?;
+        let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
+        let mut file = made.and_then(|()| File::create(path)).with_context(|| unwritable(path))?;
         file.write_all(magic().as_bytes()).with_context(|| unwritable(path))?;
         Ok(Self { file })
     }

@@ -136,6 +136,12 @@ impl RobotRun {
         })
     }
 
+    /// Leaves no journal of a robot that has told nothing of its path.
+    pub fn forget(self) {
+        // Nobody is left to be told.
+        let _ = std::fs::remove_file(self.folder.growing(JOURNAL));
+    }
+
     /// The folder of the results.
     pub fn folder(&self) -> &ResultFolder {
         &self.folder

@@ -22,16 +22,16 @@ use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
 
 /// A robot and its laser, until dropped.
-struct Bench {
+pub struct Bench {
     stop: Arc<AtomicBool>,
     threads: Vec<std::thread::JoinHandle<()>>,
     /// As for `--port`.
-    port: String,
+    pub port: String,
 }
 
 impl Bench {
     /// The host's line is a pseudo-terminal in `folder`, or TCP; so many of its frames are damaged.
-    fn new(folder: &Path, is_tcp: bool, damage: f32) -> Self {
+    pub fn new(folder: &Path, is_tcp: bool, damage: f32) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let laser = folder.join("laser");
         let terminal = folder.join("robot");
@@ -174,6 +174,25 @@ fn a_host_that_is_killed_goes_on_where_it_was() {
     check_path(&path);
     let report = report(&folder.path().join("map"));
     assert_eq!((&report["robot"]["missing_scans"], &report["robot"]["is_from_start"]), (&0.into(), &true.into()));
+}
+
+#[test]
+fn a_host_that_is_killed_before_it_replaced_anything_goes_on_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = Bench::new(folder.path(), false, 0.0);
+    fs::create_dir(folder.path().join("map")).unwrap();
+    fs::write(folder.path().join("map/run.json"), "old").unwrap();
+    let arguments = ["attach", "--port", &bench.port, "--lrf", "hokuyo", "--out", "map", "-q"];
+    let mut host = lrfslam(folder.path(), &[&arguments[..], &["--overwrite"]].concat()).spawn().unwrap();
+    wait_for_bytes(&folder.path().join("map.part/robot.journal"), 20_000);
+    host.kill().unwrap();
+    host.wait().unwrap();
+    assert_eq!(fs::read_to_string(folder.path().join("map/run.json")).unwrap(), "old");
+    let (code, _, stderr) = run(folder.path(), &[&arguments[..], &["--resume", "--scans", "50"]].concat());
+    assert_eq!((code, stderr.as_str()), (0, ""));
+    let report = report(&folder.path().join("map"));
+    assert_eq!((&report["robot"]["missing_scans"], &report["robot"]["is_from_start"]), (&0.into(), &true.into()));
+    assert!(!folder.path().join("map.part").exists());
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::common::run;
 
-const WORLD: &str = "
+pub const WORLD: &str = "
 [[room]]
 from = [0, 0]
 to = [6, 4]

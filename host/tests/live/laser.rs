@@ -19,7 +19,7 @@ use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
 use lrfslam_host::link::Address;
 
 /// A laser at a pseudo-terminal, until dropped.
-struct Laser {
+pub struct Laser {
     stop: Arc<AtomicBool>,
     threads: Vec<std::thread::JoinHandle<()>>,
     link: PathBuf,
@@ -39,7 +39,7 @@ impl Laser {
         Self { stop, threads: vec![served], link }
     }
 
-    fn hokuyo(folder: &Path) -> Self {
+    pub fn hokuyo(folder: &Path) -> Self {
         let scene = Scenario::load("floor").expect("comes with the program").scene();
         Self::new(folder, Box::new(VirtualHokuyo::new(HokuyoModel::urg_04lx_ug01(), Box::new(scene), 1)))
     }
@@ -51,7 +51,7 @@ impl Laser {
         Self::new(folder, Box::new(device))
     }
 
-    fn port(&self) -> String {
+    pub fn port(&self) -> String {
         self.link.display().to_string()
     }
 

@@ -5,6 +5,8 @@ mod attach;
 mod common;
 #[cfg(feature = "demo")]
 mod demo;
+#[cfg(feature = "demo")]
+mod keeps;
 mod laser;
 #[path = "../cli/map_server.rs"]
 mod map_server;
