@@ -23,7 +23,7 @@ use super::beside::{
 /// Name of a laser's recording among the results.
 pub const RECORDING: &str = "laser.rec";
 
-/// See the [module](self).
+/// A run's folder of results: its files take the place of the last ones all at once, or not at all.
 #[derive(Debug)]
 pub struct ResultFolder {
     /// As the user named it.
