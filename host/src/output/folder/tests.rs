@@ -74,7 +74,9 @@ fn growing_files_go_from_set_to_set() {
     fs::create_dir(&place).unwrap();
     fs::write(place.join("laser.rec"), "old").unwrap();
     let mut folder = ResultFolder::claim(&place, true).unwrap();
-    let mut recording = File::create(folder.growing("laser.rec")).unwrap();
+    let path = folder.growing("laser.rec");
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let mut recording = File::create(path).unwrap();
     recording.write_all(b"new").unwrap();
     assert_eq!(read(&place, "laser.rec"), "old", "until something is saved");
     for round in ["one", "two"] {
