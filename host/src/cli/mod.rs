@@ -65,6 +65,10 @@ enum Command {
     Lrf(lrf::LrfArgs),
     Calibrate(calibrate::CalibrateArgs),
     Config(config::PrintArgs),
+    #[cfg_attr(
+        not(feature = "demo"),
+        command(about = "Show everything at once, by a simulated robot (not in this build)")
+    )]
     Demo(demo::DemoArgs),
     Experiment(experiment::ExperimentArgs),
     Completions(completions::CompletionsArgs),

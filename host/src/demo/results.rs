@@ -21,7 +21,7 @@ use lrfslam_host::output::{PendingFile, write_file};
 use lrfslam_host::picture::{CloudView, PictureNotes, cloud_png, write_picture};
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::run_report::Source;
-use lrfslam_host::trajectory::{TimedPose, read_trajectory};
+use lrfslam_host::trajectory::{TimedPose, by_time, read_trajectory};
 use nalgebra::Isometry3;
 
 use super::robot::SimulatedRobot;
@@ -98,7 +98,8 @@ fn truth(robot: &SimulatedRobot, scans: &[KeptScan]) -> Vec<TimedPose> {
         stamp: scan.stamp,
         map_from_robot: robot.pose(scan.stamp + middle_of_sweep(&scan)).to_f32(),
     };
-    scans.iter().map(|kept| pose(kept.scan())).collect()
+    let in_order_of_scans: Vec<TimedPose> = scans.iter().map(|kept| pose(kept.scan())).collect();
+    by_time(&in_order_of_scans)
 }
 
 /// `path` in a frame in which its own is at `motion`.

@@ -2,7 +2,7 @@
 
 use lrfslam_host::evaluation::Statistics;
 use lrfslam_host::pose_f64::PoseF64;
-use lrfslam_host::trajectory::TimedPose;
+use lrfslam_host::trajectory::{TimedPose, by_time};
 
 /// Wanted at the noise of an LMS200: root mean square of the path's error, m and degrees.
 const PATH_M: f64 = 0.03;
@@ -26,7 +26,7 @@ pub struct Errors {
 
 /// Whether `errors` are as wanted, and where they are worst.
 ///
-/// * `poses`, `truth` — of the same scans, in the same frame
+/// * `poses`, `truth` — in the same frame; a pose's truth is the one nearest to it in time, in whatever order they stand
 pub fn verdict(errors: &Errors, poses: &[TimedPose], truth: &[TimedPose]) -> String {
     let (position_cm, heading_deg) = (errors.path_m.rmse * 100.0, errors.path_deg.rmse);
     let checks = [
@@ -55,7 +55,12 @@ fn worst(poses: &[TimedPose], truth: &[TimedPose]) -> String {
     let error_m = |(pose, truth): &(&TimedPose, &TimedPose)| {
         PoseF64::from(truth.map_from_robot).between(pose.map_from_robot.into()).distance_m()
     };
-    let pairs = poses.iter().zip(truth);
+    let truth = by_time(truth);
+    let pairs = poses.iter().filter_map(|pose| {
+        let after = truth.partition_point(|true_pose| true_pose.stamp < pose.stamp);
+        let about = truth[after.saturating_sub(1)..].iter().take(2);
+        Some((pose, about.min_by_key(|true_pose| true_pose.stamp.micros.abs_diff(pose.stamp.micros))?))
+    });
     let Some(worst) = pairs.max_by(|a, b| error_m(a).total_cmp(&error_m(b))) else { return String::new() };
     let after_s = worst.0.stamp.as_secs_f64() - poses[0].stamp.as_secs_f64();
     let place = worst.0.map_from_robot;
@@ -94,6 +99,14 @@ mod tests {
                 && text.ends_with("Worst after 10 s, at 1.0, 0.0 m in the map: 2.0 cm off."),
             "{text}"
         );
+    }
+
+    #[test]
+    fn scans_that_are_read_at_once_do_not_shift_the_truth() {
+        let truth = path([0.0, 0.0, 0.0]);
+        let truth = [truth[0], truth[1], truth[0], truth[2], truth[1]];
+        let text = verdict(&errors(0.02, 0.1, 0.99), &path([0.0, 0.02, 0.01]), &truth);
+        assert!(text.ends_with("Worst after 10 s, at 1.0, 0.0 m in the map: 2.0 cm off."), "{text}");
     }
 
     #[test]

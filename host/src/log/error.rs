@@ -37,6 +37,12 @@ pub enum LogError {
         /// Lines looked at.
         lines: u64,
     },
+    /// What `lrfslam run` recorded: a laser's bytes, not its scans.
+    #[error("{file}: not a log but the recording of a laser: `lrfslam replay` maps it")]
+    Recording {
+        /// Name of the file, as given.
+        file: String,
+    },
     /// No byte, or nothing but blank lines.
     #[error("{file}: the log is empty")]
     Empty {

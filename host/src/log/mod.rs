@@ -261,6 +261,9 @@ impl LogReader {
             if line.text.is_empty() || line.text.starts_with('#') {
                 continue;
             }
+            if line.number == 1 && line.text.starts_with("LRFREC") {
+                return Err(LogError::Recording { file: self.file.clone() });
+            }
             self.content_lines += 1;
             match read_line(&mut self.format, &line, self.beam_count) {
                 Ok(Content::Scan(scan)) => return Ok(Some(*scan)),

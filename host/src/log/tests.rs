@@ -128,6 +128,7 @@ fn what_is_no_log_is_said_to_be_none() {
     assert!(matches!(error(b"\n\n# only a comment\n"), LogError::Empty { .. }));
     assert!(matches!(error(b"hello world\n1,2,3\n"), LogError::NotALog { lines: 2, .. }));
     assert!(matches!(error(b"hello"), LogError::NotALog { .. }));
+    assert!(matches!(error(b"LRFREC01\x9c\0\0\0program = \"lrfslam\"\n"), LogError::Recording { .. }));
     assert!(matches!(error("x y\n".repeat(5000).as_bytes()), LogError::NotALog { lines: 1000, .. }));
     assert!(matches!(error(&vec![b'7'; 3 << 20]), LogError::NotALog { .. }));
     assert!(matches!(error(b"PARAM a b\nODOM 1 2 3\n"), LogError::NoScan { lines: 2, .. }));
