@@ -142,9 +142,10 @@ pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
     }
 }
 
-/// A number that the next start will not have: ticks of 16 ms since 1970, which repeat after two years.
+/// A number that the next start will not have: microseconds since 1970, and the process, since two starts may lie within one tick of a clock.
 fn this_epoch() -> u32 {
-    (SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_millis() / 16) as u32
+    let micros = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
+    (micros as u32) ^ std::process::id().rotate_left(16)
 }
 
 /// Stops the robot, waits for the whole of its map, and lets it go.

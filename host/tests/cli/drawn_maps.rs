@@ -13,7 +13,7 @@ use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_host::log::{LogOptions, LogReader};
 use lrfslam_host::map_io::write_map;
 use lrfslam_host::occupancy_map::{MapConfig, Occupancy, OccupancyMap};
-use lrfslam_host::trajectory::read_trajectory;
+use lrfslam_host::trajectory::{read_trajectory, with_poses};
 
 use crate::common::{real_data, run};
 use crate::map_server::{Cell, ServedMap};
@@ -45,14 +45,14 @@ fn figures(log: &Path, set: &[&str]) -> Figures {
 
 fn judge(log: &Path, out: &Path) -> Figures {
     let map = ServedMap::load(&out.join("map.yaml"));
-    let path: Vec<Pose2> =
-        read_trajectory(&out.join("trajectory.tum")).unwrap().iter().map(|pose| pose.map_from_robot).collect();
+    let scans = LogReader::open(log, LogOptions::default()).unwrap().map(Result::unwrap).collect();
+    let (scans, poses) = with_poses(scans, &read_trajectory(&out.join("trajectory.tum")).unwrap());
+    let path: Vec<Pose2> = poses.iter().map(|pose| pose.map_from_robot).collect();
     let is = |point: Point2, wanted: Cell| map.at(f64::from(point.x), f64::from(point.y)) == wanted;
     let size_m = map.resolution_m as f32;
     let (mut hits, mut on_walls, mut in_walls) = (0, 0, 0);
     let mut passed = HashSet::new();
-    let scans = LogReader::open(log, LogOptions::default()).unwrap().map(Result::unwrap);
-    for (scan, pose) in scans.zip(&path) {
+    for (scan, pose) in scans.iter().zip(&path) {
         let map_from_lrf = *pose * scan.robot_from_lrf.unwrap_or_default();
         for hit in scan.beams.iter().filter_map(|beam| beam.hit_in_lrf()) {
             let hit = map_from_lrf.transform(hit);
@@ -102,18 +102,21 @@ fn the_path_lies_on_free_cells_and_the_hits_on_walls() {
 
 /// Minutes in a debug build: `LRFSLAM_DATA=... cargo test --release -p lrfslam-host --test cli drawn_maps -- --ignored --nocapture`
 #[test]
-#[ignore = "maps Intel and ACES, twice each"]
+#[ignore = "heavy: run by .ci/run"]
 fn real_logs_have_no_free_cells_behind_walls() {
     for (name, hits_on_walls) in [("intel", 0.97), ("aces", 0.91)] {
         let Some(log) = real_data(&format!("logs/{name}.log.gz")) else { continue };
-        let any_miss = figures(&log, &["--set", "map.miss_apart_rad=0", "--set", "map.miss_gap_m=0"]);
         let map = figures(&log, &[]);
-        println!("{name}, any miss clears: {any_miss:?}\n{name}: {map:?}");
+        println!("{name}: {map:?}");
         assert_eq!(map.poses_not_free, 0, "{map:?}");
         assert!(map.hits_on_walls > hits_on_walls, "{map:?}");
-        assert!(any_miss.free_behind_walls > 100 && map.free_behind_walls < 20, "{any_miss:?} {map:?}");
-        assert!(map.free_without_hits < any_miss.free_without_hits / 10, "{any_miss:?} {map:?}");
+        assert!(map.free_behind_walls <= map.free_without_hits && map.free_without_hits < 20, "{map:?}");
     }
+    // What it would be if any beam without return cleared its way.
+    let Some(log) = real_data("logs/aces.log.gz") else { return };
+    let any_miss = figures(&log, &["--set", "map.miss_apart_rad=0", "--set", "map.miss_gap_m=0"]);
+    println!("aces, any miss clears: {any_miss:?}");
+    assert!(any_miss.free_behind_walls > 100, "{any_miss:?}");
 }
 
 /// A corridor with dark doors and windows, and a hall behind it with a glass front: what is left out gives no echo.

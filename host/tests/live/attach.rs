@@ -215,7 +215,7 @@ fn a_robot_that_starts_anew_gets_a_folder_of_its_own() {
     }
     // It was let go; one that maps already is made to begin anew, and that is no life of its own.
     let again = ["--scans", "10", "--restart", "--out", "again"];
-    let keep = [&arguments[..], &["--scans", "10", "--keep-running"]].concat();
+    let keep = [&arguments[..], &["--scans", "10", "--keep-running", "--overwrite"]].concat();
     assert_eq!(run(folder.path(), &keep).0, 0);
     let (code, _, stderr) = run(folder.path(), &[&arguments[..5], &again[..], &["--seed", "2"]].concat());
     assert_eq!(code, 0, "{stderr}");
