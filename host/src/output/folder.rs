@@ -45,13 +45,22 @@ pub struct ResultFolder {
 /// At most one part of so many of a run's time goes into saving what it has on the way.
 const SAVING_SHARE: u32 = 20;
 
-/// A name for a new folder: `stem`, and the time now (UTC), such as `intel-map-20261122T023105Z`.
-pub fn folder_name(stem: &str) -> PathBuf {
+/// Names for a new folder: `stem`, and the time now (UTC), such as `intel-map-20261122T023105Z`, then numbered.
+fn folder_names(stem: &str) -> impl Iterator<Item = PathBuf> {
     let now = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
     let name = format!("{stem}-{}", now.replace(['-', ':'], ""));
-    let free = |name: &PathBuf| !name.exists();
-    let numbered = (2..).map(|number| PathBuf::from(format!("{name}-{number}")));
-    [PathBuf::from(&name)].into_iter().chain(numbered).find(free).unwrap_or_default()
+    let first = PathBuf::from(&name);
+    std::iter::once(first).chain((2..).map(move |number| PathBuf::from(format!("{name}-{number}"))))
+}
+
+/// Makes a folder that nobody else has made.
+fn make_new(mut names: impl Iterator<Item = PathBuf>) -> anyhow::Result<PathBuf> {
+    let made = names.find_map(|name| match fs::create_dir(&name) {
+        Ok(()) => Some(Ok(name)),
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => None,
+        Err(error) => Some(Err(error).with_context(|| format!("{}: cannot be used as output folder", name.display()))),
+    });
+    made.unwrap_or_else(|| bail!("no name is left for a new folder"))
 }
 
 /// `file` as one would call it here.
@@ -66,7 +75,14 @@ impl ResultFolder {
     /// # Errors
     /// As [`claim`](Self::claim).
     pub fn choose(out: Option<&Path>, stem: &str, overwrite: bool) -> anyhow::Result<Self> {
-        Self::claim(&out.map_or_else(|| folder_name(stem), Path::to_owned), overwrite)
+        match out {
+            Some(out) => Self::claim(out, overwrite),
+            None => {
+                let mut folder = Self::open(&make_new(folder_names(stem))?)?;
+                folder.is_ours = true;
+                Ok(folder)
+            }
+        }
     }
 
     /// Makes the folder `place`, or takes an empty one, or with `overwrite` one of older results; these stay until something is saved.

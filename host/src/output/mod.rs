@@ -5,4 +5,4 @@ mod file;
 mod folder;
 
 pub use file::{PendingFile, write_file};
-pub use folder::{RECORDING, ResultFolder, folder_name, shown};
+pub use folder::{RECORDING, ResultFolder, shown};

@@ -183,11 +183,11 @@ fn a_hokuyo_is_mapped_over_tcp() {
     let folder = temporary();
     let mut laser = Laser::hokuyo(folder.path());
     let port = laser.over_tcp();
-    let arguments = ["run", "--lrf", "hokuyo", "--port", &port, "--scans", "5", "--no-record", "-q"];
+    let arguments = ["run", "--lrf", "hokuyo", "--port", &port, "--scans", "5", "--no-record", "-q", "--out", "map"];
     let (code, stdout, stderr) = run(folder.path(), &arguments);
     assert_eq!((code, stderr.as_str()), (0, ""), "{stdout}");
-    assert!(folder.path().join("live-map/trajectory.tum").exists());
-    assert!(!folder.path().join("live-map/laser.rec").exists());
+    assert!(folder.path().join("map/trajectory.tum").exists());
+    assert!(!folder.path().join("map/laser.rec").exists());
     let (code, _, stderr) = run(folder.path(), &["lrf", "info", "--lrf", "auto", "--port", &port]);
     assert!(code == 0 && stderr.contains("found a Hokuyo"), "{stderr}");
 }
