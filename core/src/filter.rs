@@ -31,7 +31,7 @@ pub fn hits<'m>(sweep: &Sweep<'_>, memory: &'m mut [Point2]) -> Result<&'m [Poin
     let middle_from_beam = sweep.middle_from_beam();
     let mut count = 0;
     for beam in sweep.scan.beams {
-        let Some(hit_in_lrf) = beam.hit_in_lrf() else { continue };
+        let Some(hit_in_lrf) = Point2::of_hit(beam) else { continue };
         if let Some(place) = memory.get_mut(count) {
             *place = sweep.robot_from_lrf.transform(middle_from_beam(beam).transform(hit_in_lrf));
         }

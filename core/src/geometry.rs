@@ -4,6 +4,9 @@ use core::ops::{Add, Mul, Sub};
 
 use serde::{Deserialize, Serialize};
 
+use lrfslam_scan::{Beam, Echo};
+
+use crate::config::{Layout, NO_LAYOUT, layout_with};
 use crate::math::{hypot, sin_cos, wrap_angle};
 
 /// A point or a displacement in the plane, m.
@@ -25,6 +28,14 @@ impl Point2 {
     pub fn from_polar(range_m: f32, bearing_rad: f32) -> Self {
         let (sin, cos) = sin_cos(bearing_rad);
         Self { x: range_m * cos, y: range_m * sin }
+    }
+
+    /// End point of a hit, lrf frame, m; `None` for a miss or an invalid beam.
+    pub fn of_hit(beam: &Beam) -> Option<Self> {
+        match beam.echo {
+            Echo::Hit(range_m) => Some(Self::from_polar(range_m, beam.bearing_rad)),
+            Echo::Miss | Echo::Invalid => None,
+        }
     }
 
     /// Direction from the origin, counter-clockwise from +x, rad in [−π, π]; 0 at the origin itself.
@@ -119,6 +130,10 @@ impl Mul for Pose2 {
         let Point2 { x, y } = self.transform(inner.position());
         Self::new(x, y, self.heading + inner.heading)
     }
+}
+
+impl Layout for Pose2 {
+    const LAYOUT: u32 = layout_with(NO_LAYOUT, "x, y, heading: f32");
 }
 
 #[cfg(test)]

@@ -6,9 +6,9 @@
 //!
 //! # Layers
 //! A module uses only what stands to its left:
-//! `math, time, config | geometry | scan, grid, sweep | filter, ndt, de, lrf | matcher | laser_odometry`, and
-//! `math, random, config | geometry | scan, chords, ancestry | rays, motion | distributed_map, particles | perception | low_slam`;
-//! `slam` joins the two, `wire` is the robot's link to its host, and `robot`, which uses them all, is the program of a microcontroller.
+//! `math, config | geometry | grid, sweep | filter, ndt, de | matcher | laser_odometry`, and
+//! `math, random, config | geometry | chords, ancestry | rays, motion | distributed_map, particles | perception | low_slam`;
+//! `slam` joins the two. [`scan`] and [`time`] are those of `lrfslam-scan`, which laser drivers share.
 //!
 //! # Data flow
 //! [`RangeScan`](scan::RangeScan) (polar) → [`filter`] → points → [`ScanMatcher`](matcher::ScanMatcher) against an
@@ -50,7 +50,6 @@ pub mod geometry;
 pub mod grid;
 pub mod laser_odometry;
 pub mod low_slam;
-pub mod lrf;
 pub mod matcher;
 pub mod math;
 pub mod motion;
@@ -59,12 +58,11 @@ pub mod particles;
 pub mod perception;
 pub mod random;
 pub mod rays;
-pub mod robot;
-pub mod scan;
 pub mod slam;
 pub mod sweep;
-pub mod time;
-pub mod wire;
+
+pub use lrfslam_scan as scan;
+pub use lrfslam_scan::time;
 
 #[cfg(test)]
 mod test_world;

@@ -103,6 +103,7 @@ impl<'a> Sweep<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Point2;
     use crate::scan::Echo;
     use crate::time::Instant;
     use std::vec::Vec;
@@ -139,7 +140,7 @@ mod tests {
             let motion = SweepMotion { displacement, duration: dt };
             let middle_from_beam = Sweep { scan, robot_from_lrf: Pose2::IDENTITY, motion }.middle_from_beam();
             for beam in &beams {
-                let point = middle_from_beam(beam).transform(beam.hit_in_lrf().unwrap());
+                let point = middle_from_beam(beam).transform(Point2::of_hit(beam).unwrap());
                 worst = worst.max((point.y - 2.0).abs());
             }
             worst

@@ -10,7 +10,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use lrfslam_core::lrf::sick_lms::Variant;
 use lrfslam_core::time::Instant;
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::pty;
@@ -18,6 +17,7 @@ use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
+use lrfslam_lrf::sick_lms::Variant;
 
 /// Simulated laser range finders.
 ///

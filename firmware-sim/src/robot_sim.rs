@@ -8,9 +8,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context as _, Result};
 use clap::{Args, Parser, ValueEnum};
-use lrfslam_core::robot::{CompactPools, LargePools, StandardPools};
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::robot_process::{HostLine, Wiring, serve};
+use lrfslam_robot::{CompactPools, LargePools, StandardPools};
 
 /// A robot that does the SLAM itself.
 ///

@@ -2,12 +2,12 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lrfslam_core::lrf::driver::{BaudPolicy, Event, Input, LrfDriver, Output};
-use lrfslam_core::lrf::hokuyo_scip::driver as hokuyo;
-use lrfslam_core::lrf::hokuyo_scip::{HokuyoConfig, HokuyoDriver};
-use lrfslam_core::lrf::sick_lms::driver as sick;
-use lrfslam_core::lrf::sick_lms::telegram::{self, Direction};
-use lrfslam_core::lrf::sick_lms::{SickConfig, SickDriver};
+use lrfslam_lrf::driver::{BaudPolicy, Event, Input, LrfDriver, Output};
+use lrfslam_lrf::hokuyo_scip::driver as hokuyo;
+use lrfslam_lrf::hokuyo_scip::{HokuyoConfig, HokuyoDriver};
+use lrfslam_lrf::sick_lms::driver as sick;
+use lrfslam_lrf::sick_lms::telegram::{self, Direction};
+use lrfslam_lrf::sick_lms::{SickConfig, SickDriver};
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
 

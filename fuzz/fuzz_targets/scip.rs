@@ -2,9 +2,9 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lrfslam_core::lrf::hokuyo_scip::command::split_tag;
-use lrfslam_core::lrf::hokuyo_scip::scan::read_scan;
-use lrfslam_core::lrf::hokuyo_scip::{Command, Reply, ScipDecoder, SensorParameters};
+use lrfslam_lrf::hokuyo_scip::command::split_tag;
+use lrfslam_lrf::hokuyo_scip::scan::read_scan;
+use lrfslam_lrf::hokuyo_scip::{Command, Reply, ScipDecoder, SensorParameters};
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::Duration;
 

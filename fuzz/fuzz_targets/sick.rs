@@ -2,11 +2,11 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lrfslam_core::lrf::sick_lms::measurement::ValueFormat;
-use lrfslam_core::lrf::sick_lms::request::Variant;
-use lrfslam_core::lrf::sick_lms::scan::ScanLayout;
-use lrfslam_core::lrf::sick_lms::telegram::{self, Direction, MAX_TELEGRAM};
-use lrfslam_core::lrf::sick_lms::{DecoderEvent, Reply, ReplyBody, Request, TelegramDecoder};
+use lrfslam_lrf::sick_lms::measurement::ValueFormat;
+use lrfslam_lrf::sick_lms::request::Variant;
+use lrfslam_lrf::sick_lms::scan::ScanLayout;
+use lrfslam_lrf::sick_lms::telegram::{self, Direction, MAX_TELEGRAM};
+use lrfslam_lrf::sick_lms::{DecoderEvent, Reply, ReplyBody, Request, TelegramDecoder};
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::Duration;
 

@@ -2,10 +2,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use lrfslam_core::lrf::driver::{Event, Input, LrfDriver, Output};
-use lrfslam_core::lrf::ldrobot::{LdrobotDriver, PacketDecoder};
-use lrfslam_core::lrf::rplidar::response::{Descriptor, ResponseKind};
-use lrfslam_core::lrf::rplidar::{Capsule, RplidarConfig, RplidarDecoder, RplidarDriver};
+use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output};
+use lrfslam_lrf::ldrobot::{LdrobotDriver, PacketDecoder};
+use lrfslam_lrf::rplidar::response::{Descriptor, ResponseKind};
+use lrfslam_lrf::rplidar::{Capsule, RplidarConfig, RplidarDecoder, RplidarDriver};
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
 

@@ -19,9 +19,9 @@ use lrfslam_core::motion::ScanMatchingMotionConfig;
 use lrfslam_core::ndt::NdtConfig;
 use lrfslam_core::perception::PerceptionConfig;
 use lrfslam_core::rays::RayConfig;
-use lrfslam_core::robot::{LaserConfig, ReportConfig, RobotConfig};
 use lrfslam_core::slam::StepConfig;
 use lrfslam_core::time::Duration;
+use lrfslam_robot::{LaserConfig, ReportConfig, RobotConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::high_slam::{ClosureConfig, HighConfig, HighConfigs, HighParticlesConfig, SegmentConfig};

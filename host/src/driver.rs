@@ -7,16 +7,16 @@
 mod run;
 mod search;
 
-use lrfslam_core::lrf::driver::{BaudPolicy, LrfDriver};
-use lrfslam_core::lrf::hokuyo_scip::driver as hokuyo;
-use lrfslam_core::lrf::hokuyo_scip::{HokuyoConfig, HokuyoDriver};
-use lrfslam_core::lrf::ldrobot::LdrobotDriver;
-use lrfslam_core::lrf::rplidar::driver as rplidar;
-use lrfslam_core::lrf::rplidar::{RplidarConfig, RplidarDriver};
-use lrfslam_core::lrf::sick_lms::driver as sick;
-use lrfslam_core::lrf::sick_lms::{SickConfig, SickDriver, Variant};
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::Duration;
+use lrfslam_lrf::driver::{BaudPolicy, LrfDriver};
+use lrfslam_lrf::hokuyo_scip::driver as hokuyo;
+use lrfslam_lrf::hokuyo_scip::{HokuyoConfig, HokuyoDriver};
+use lrfslam_lrf::ldrobot::LdrobotDriver;
+use lrfslam_lrf::rplidar::driver as rplidar;
+use lrfslam_lrf::rplidar::{RplidarConfig, RplidarDriver};
+use lrfslam_lrf::sick_lms::driver as sick;
+use lrfslam_lrf::sick_lms::{SickConfig, SickDriver, Variant};
 use serde::{Deserialize, Serialize};
 
 pub use run::{DriverEvent, EventSink, HostClock, Opener, RunEnd, run_driver};

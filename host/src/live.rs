@@ -12,9 +12,9 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
-use lrfslam_core::lrf::driver::{Counters, Event, Identity};
 use lrfslam_core::scan::{Beam, RangeScan};
 use lrfslam_core::time::Instant;
+use lrfslam_lrf::driver::{Counters, Event, Identity};
 
 use crate::driver::{DriverEvent, GaveUp, LrfOptions, Opener, RunEnd, Search, run_driver};
 use crate::link::Address;

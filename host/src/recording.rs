@@ -24,8 +24,8 @@ use std::path::Path;
 
 use anyhow::{Context as _, bail};
 use crc::{CRC_32_ISO_HDLC, Crc, Digest};
-use lrfslam_core::lrf::driver::Input;
 use lrfslam_core::time::Instant;
+use lrfslam_lrf::driver::Input;
 use serde::{Deserialize, Serialize};
 
 use crate::driver::LrfOptions;

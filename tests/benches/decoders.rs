@@ -2,21 +2,21 @@
 
 use divan::counter::BytesCount;
 use divan::{Bencher, black_box};
-use lrfslam_core::lrf::hokuyo_scip::scan::read_scan;
-use lrfslam_core::lrf::hokuyo_scip::{Command, Reply, ScipDecoder};
-use lrfslam_core::lrf::ldrobot::{Packet, PacketDecoder, Point};
-use lrfslam_core::lrf::rplidar::response::{Descriptor, ResponseKind};
-use lrfslam_core::lrf::rplidar::{Capsule, DecoderEvent as RplidarEvent, RplidarDecoder};
-use lrfslam_core::lrf::sick_lms::measurement::ValueFormat;
-use lrfslam_core::lrf::sick_lms::scan::ScanLayout;
-use lrfslam_core::lrf::sick_lms::telegram::{Direction, MAX_TELEGRAM};
-use lrfslam_core::lrf::sick_lms::{self, DecoderEvent, OperatingMode, ReplyBody, TelegramDecoder, Variant};
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
+use lrfslam_lrf::hokuyo_scip::scan::read_scan;
+use lrfslam_lrf::hokuyo_scip::{Command, Reply, ScipDecoder};
+use lrfslam_lrf::ldrobot::{Packet, PacketDecoder, Point};
+use lrfslam_lrf::rplidar::response::{Descriptor, ResponseKind};
+use lrfslam_lrf::rplidar::{Capsule, DecoderEvent as RplidarEvent, RplidarDecoder};
+use lrfslam_lrf::sick_lms::measurement::ValueFormat;
+use lrfslam_lrf::sick_lms::scan::ScanLayout;
+use lrfslam_lrf::sick_lms::telegram::{Direction, MAX_TELEGRAM};
+use lrfslam_lrf::sick_lms::{self, DecoderEvent, OperatingMode, ReplyBody, TelegramDecoder, Variant};
 
 const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
 

@@ -10,16 +10,16 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use anyhow::{Context as _, bail};
-use lrfslam_core::lrf::driver::{Event, Input, Output, drain, run_bytes};
-use lrfslam_core::robot::{LaserFamily, RobotConfig};
 use lrfslam_core::scan::Beam;
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_core::wire::frame::MAX_FRAME;
-use lrfslam_core::wire::message::{FromRobot, Status, ToRobot};
 use lrfslam_firmware_sim::cable::Cable;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_host::driver::{LaserMemory, LrfFamily, LrfOptions};
 use lrfslam_host::robot::{ClientMemory, RobotClient, RobotEvent, RobotMap};
+use lrfslam_lrf::driver::{Event, Input, Output, drain, run_bytes};
+use lrfslam_robot::wire::frame::MAX_FRAME;
+use lrfslam_robot::wire::message::{FromRobot, Status, ToRobot};
+use lrfslam_robot::{LaserFamily, RobotConfig};
 
 /// Rate of a cable to a USB sensor, which has none.
 const ANY_RATE: u32 = 115_200;

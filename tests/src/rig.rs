@@ -2,11 +2,11 @@
 
 use std::collections::VecDeque;
 
-use lrfslam_core::lrf::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::cable::{Cable, resample};
 use lrfslam_firmware_sim::fault::{FaultLink, FaultPlan};
 use lrfslam_firmware_sim::virtual_lrf::{Emission, VirtualLrf};
+use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};
 
 use crate::oracle::{Seen, published};
 
@@ -113,7 +113,7 @@ impl<'d> Rig<'d> {
     }
 
     /// Counters of the driver.
-    pub fn counters(&self) -> lrfslam_core::lrf::driver::Counters {
+    pub fn counters(&self) -> lrfslam_lrf::driver::Counters {
         self.driver.counters()
     }
 

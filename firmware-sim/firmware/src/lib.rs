@@ -7,7 +7,7 @@ pub mod port;
 
 /// The robot's memory.
 #[cfg(not(feature = "compact"))]
-pub type Pools = lrfslam_core::robot::StandardPools;
+pub type Pools = lrfslam_robot::StandardPools;
 /// The robot's memory.
 #[cfg(feature = "compact")]
-pub type Pools = lrfslam_core::robot::CompactPools;
+pub type Pools = lrfslam_robot::CompactPools;

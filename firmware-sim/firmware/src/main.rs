@@ -1,10 +1,10 @@
-//! The robot's program on a microcontroller: laser on one UART, host on another. All of its sense is in `lrfslam_core::robot`; here
+//! The robot's program on a microcontroller: laser on one UART, host on another. All of its sense is in `lrfslam_robot::robot`; here
 //! bytes and the time are brought to it.
 #![no_std]
 #![no_main]
 #![forbid(unsafe_code)]
 
-use lrfslam_core::robot::{Input, Robot};
+use lrfslam_robot::{Input, Robot};
 use lrfslam_core::time::Instant;
 use lrfslam_firmware::Pools;
 use lrfslam_firmware::board::{self, Board};

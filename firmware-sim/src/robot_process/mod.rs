@@ -1,4 +1,4 @@
-//! The robot's program as a process: [`lrfslam_core::robot`] between a laser at a serial port and a host at another one or on the network.
+//! The robot's program as a process: [`lrfslam_robot::robot`] between a laser at a serial port and a host at another one or on the network.
 //!
 //! What firmware is on a microcontroller, this is on a computer of a robot: the same state machine, to which bytes and the time are brought.
 //! Each line has a thread that reads and stamps; the robot itself has one, because its results must depend on nothing but the order of
@@ -15,9 +15,9 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration as WallDuration;
 
 use anyhow::{Context as _, Result};
-use lrfslam_core::robot::{Input, Ports, Robot, RobotMemory, RobotPools};
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_core::wire::message::Health;
+use lrfslam_robot::wire::message::Health;
+use lrfslam_robot::{Input, Ports, Robot, RobotMemory, RobotPools};
 
 use self::clock::Clock;
 use self::port::{News, Port};

@@ -10,9 +10,9 @@ mod commands;
 mod scan;
 mod scip1;
 
-use lrfslam_core::lrf::hokuyo_scip::{Acquire, Command, SensorParameters};
 use lrfslam_core::scan::Beam;
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_lrf::hokuyo_scip::{Acquire, Command, SensorParameters};
 
 use super::recording::{RecordedScan, Sight, are_on_grid};
 use super::{Emission, Line, VirtualLrf};
@@ -281,7 +281,7 @@ impl VirtualLrf for VirtualHokuyo {
     }
 
     fn deadline(&self) -> Instant {
-        let never = lrfslam_core::lrf::driver::NEVER;
+        let never = lrfslam_lrf::driver::NEVER;
         let answer = self.queue.first().map_or(never, |(due, _)| *due);
         answer.min(self.scan_due().unwrap_or(never))
     }

@@ -1,18 +1,18 @@
 //! SICK LMS200 and LMS291.
 //!
-//! Source: manual, drivers, as cited in `lrfslam_core::lrf::sick_lms`. Chosen where nothing is settled: half a telegram is dropped after
+//! Source: manual, drivers, as cited in `lrfslam_lrf::sick_lms`. Chosen where nothing is settled: half a telegram is dropped after
 //! 150 ms of silence; requests that are not allowed now are answered with 92; no telegram index follows the values.
 
 mod requests;
 mod scan;
 mod status;
 
-use lrfslam_core::lrf::driver::NEVER;
-use lrfslam_core::lrf::sick_lms::request::PASSWORD;
-use lrfslam_core::lrf::sick_lms::telegram::{self, ACK, Direction, Head, NAK};
-use lrfslam_core::lrf::sick_lms::{ConfigBlock, OperatingMode, Request, Unit, Variant};
 use lrfslam_core::scan::Beam;
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_lrf::driver::NEVER;
+use lrfslam_lrf::sick_lms::request::PASSWORD;
+use lrfslam_lrf::sick_lms::telegram::{self, ACK, Direction, Head, NAK};
+use lrfslam_lrf::sick_lms::{ConfigBlock, OperatingMode, Request, Unit, Variant};
 
 use super::recording::{RecordedScan, Sight, are_on_grid};
 use super::{Emission, Line, VirtualLrf};

@@ -6,8 +6,8 @@ use std::time::{Duration as WallDuration, Instant as WallInstant, SystemTime, UN
 
 use anyhow::anyhow;
 use clap::{Args, ValueEnum};
-use lrfslam_core::robot::{LaserConfig, LaserFamily};
-use lrfslam_core::wire::message::{FromRobot, Status, ToRobot};
+use lrfslam_robot::wire::message::{FromRobot, Status, ToRobot};
+use lrfslam_robot::{LaserConfig, LaserFamily};
 
 use super::Failure;
 use super::laser::{EndArgs, interrupt_flag, parse_baud, say};

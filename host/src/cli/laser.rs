@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::Context as _;
 use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
-use lrfslam_core::lrf::sick_lms::Variant;
+use lrfslam_lrf::sick_lms::Variant;
 
 use super::Failure;
 use super::shared::{LRF, PORT, SECONDS};

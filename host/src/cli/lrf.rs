@@ -4,8 +4,9 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use lrfslam_core::lrf::driver::Identity;
+use lrfslam_core::geometry::Point2;
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
+use lrfslam_lrf::driver::Identity;
 
 use super::laser::{LaserArgs, interrupt_flag, say, source_failure};
 use super::{Failure, print};
@@ -127,7 +128,7 @@ fn describe(identity: &Identity) -> String {
 
 fn summarise(scan: &RangeScan<'_>) -> String {
     let count = |wanted: fn(&Beam) -> bool| scan.beams.iter().filter(|beam| wanted(beam)).count();
-    let ranges = || scan.beams.iter().filter_map(|beam| beam.hit_in_lrf().map(|point| point.norm()));
+    let ranges = || scan.beams.iter().filter_map(|beam| Point2::of_hit(beam).map(|point| point.norm()));
     let nearest = ranges().fold(f32::INFINITY, f32::min);
     let farthest = ranges().fold(0.0, f32::max);
     let mut text = format!(
@@ -148,7 +149,7 @@ const PLAN: (usize, usize) = (61, 31);
 
 /// The scan seen from above, as text: `#` hit, `.` free, `^` the laser, which looks up.
 fn plan(scan: &RangeScan<'_>) -> String {
-    let reach = scan.beams.iter().filter_map(|beam| beam.hit_in_lrf().map(|point| point.norm())).fold(0.5, f32::max);
+    let reach = scan.beams.iter().filter_map(|beam| Point2::of_hit(beam).map(|point| point.norm())).fold(0.5, f32::max);
     let (columns, rows) = PLAN;
     let mut cells = vec![b' '; columns * rows];
     let mut put = |x: f32, y: f32, mark: u8| {
@@ -159,7 +160,7 @@ fn plan(scan: &RangeScan<'_>) -> String {
             *cell = mark;
         }
     };
-    for point in scan.beams.iter().filter_map(|beam| beam.hit_in_lrf()) {
+    for point in scan.beams.iter().filter_map(|beam| Point2::of_hit(beam)) {
         (0..40).for_each(|part| put(point.x * part as f32 / 40.0, point.y * part as f32 / 40.0, b'.'));
         put(point.x, point.y, b'#');
     }

@@ -1,6 +1,7 @@
 //! Mixed pixels: at the edge of a near thing the beam lights up both it and what lies behind, and the laser reports a range
 //! in between, a point in free air.
 
+use lrfslam_core::geometry::Point2;
 use lrfslam_core::scan::{Beam, Echo};
 
 /// Tells mixed pixels from surfaces.
@@ -44,7 +45,7 @@ impl EdgeFilter {
 
     /// True if beam `index` lies where the line through the hits of `near` and `far` meets it.
     fn continues(&self, beams: &[Beam], index: usize, near: Option<usize>, far: Option<usize>) -> bool {
-        let point = |at: Option<usize>| at.and_then(|at| beams.get(at)).and_then(Beam::hit_in_lrf);
+        let point = |at: Option<usize>| at.and_then(|at| beams.get(at)).and_then(Point2::of_hit);
         let (Some(beam), Some(here), Some(a), Some(b)) =
             (beams.get(index), range_at(beams, Some(index)), point(near), point(far))
         else {

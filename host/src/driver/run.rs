@@ -4,8 +4,8 @@ use std::io;
 use std::ops::ControlFlow;
 use std::time::{Duration as WallDuration, Instant as WallInstant, SystemTime, UNIX_EPOCH};
 
-use lrfslam_core::lrf::driver::{Counters, Event, Input, NEVER, Output, Step, drain, run_bytes};
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_lrf::driver::{Counters, Event, Input, NEVER, Output, Step, drain, run_bytes};
 
 use super::LrfFamily;
 use super::search::{GaveUp, Search, Signs, Verdict};

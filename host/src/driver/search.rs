@@ -6,8 +6,8 @@
 
 use std::fmt;
 
-use lrfslam_core::lrf::driver::{LrfDriver, Step, Trouble};
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_lrf::driver::{LrfDriver, Step, Trouble};
 
 use super::{LaserMemory, LrfFamily, LrfOptions};
 
@@ -317,7 +317,7 @@ impl fmt::Display for GaveUp {
 mod tests {
     use super::*;
     use LrfFamily::{Hokuyo, Ld06, Rplidar, SickLms2xx};
-    use lrfslam_core::lrf::driver::{BaudRates, Cause};
+    use lrfslam_lrf::driver::{BaudRates, Cause};
 
     fn trouble(step: Step) -> Signs {
         let (cause, tried) = (Cause::NoReply, BaudRates::default());

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
-use lrfslam_core::lrf::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};
 use lrfslam_core::time::Instant;
+use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};
 
 use super::words::tell;
 use super::{Item, Message, SourceReport};

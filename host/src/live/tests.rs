@@ -3,8 +3,8 @@
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration as WallDuration;
 
-use lrfslam_core::lrf::ldrobot::{Packet, Point};
-use lrfslam_core::lrf::rplidar::{Capsule, Descriptor, Request, ResponseKind};
+use lrfslam_lrf::ldrobot::{Packet, Point};
+use lrfslam_lrf::rplidar::{Capsule, Descriptor, Request, ResponseKind};
 
 use super::*;
 use crate::driver::LrfFamily;

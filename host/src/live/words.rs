@@ -1,7 +1,7 @@
 //! What a driver does, as a message for the consumer: scans as they are, the rest in words.
 
-use lrfslam_core::lrf::driver::{Cause, Event, Identity, Trouble};
 use lrfslam_core::time::Duration;
+use lrfslam_lrf::driver::{Cause, Event, Identity, Trouble};
 
 use super::Message;
 use crate::driver::{DriverEvent, LrfFamily};

@@ -13,12 +13,12 @@ use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::laser_odometry;
 use lrfslam_core::matcher::Match;
-use lrfslam_core::robot::LaserConfig;
 use lrfslam_core::scan::{Echo, RangeScan};
 use lrfslam_core::slam::StepReport;
 use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::Instant;
-use lrfslam_core::wire::message::{FromRobot, ScanPose};
+use lrfslam_robot::LaserConfig;
+use lrfslam_robot::wire::message::{FromRobot, ScanPose};
 
 pub use self::quality::{Quality, Stretch};
 pub use self::saving::About;

@@ -39,7 +39,7 @@ pub fn scan_png(scan: &RangeScan<'_>) -> io::Result<Vec<u8>> {
         let (x, y) = pixel(Point2::new(radius, 0.0));
         canvas.text(x as usize + 4, y as usize + 4, 2, &format!("{radius:.1} m"), OCCUPIED);
     }
-    for point in scan.beams.iter().filter_map(|beam| beam.hit_in_lrf()) {
+    for point in scan.beams.iter().filter_map(|beam| Point2::of_hit(beam)) {
         canvas.line(pixel(point), pixel(point), 2.2, OCCUPIED);
     }
     canvas.line(pixel(Point2::default()), pixel(Point2::default()), 6.0, LASER);
@@ -55,7 +55,7 @@ fn draw_ring(canvas: &mut Canvas, radius_m: f32, pixel: &dyn Fn(Point2) -> (f64,
 
 /// Nearly all hits are inside: a few far ones do not shrink the rest to nothing.
 fn view_radius_m(scan: &RangeScan<'_>) -> f32 {
-    let mut ranges: Vec<f32> = scan.beams.iter().filter_map(|beam| beam.hit_in_lrf().map(Point2::norm)).collect();
+    let mut ranges: Vec<f32> = scan.beams.iter().filter_map(|beam| Point2::of_hit(beam).map(Point2::norm)).collect();
     ranges.sort_by(f32::total_cmp);
     let index = (ranges.len() * 98 / 100).min(ranges.len().saturating_sub(1));
     ranges.get(index).map_or(1.0, |range| (range * 1.1).max(0.5))

@@ -5,8 +5,8 @@ use std::io::{self, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use lrfslam_core::lrf::driver::Input;
 use lrfslam_core::time::Instant;
+use lrfslam_lrf::driver::Input;
 
 use super::{CRC32, HEAD, MAGIC, RecordingHeader};
 use crate::driver::LrfFamily;

@@ -3,11 +3,11 @@
 use std::collections::VecDeque;
 
 use lrfslam_core::distributed_map::{Region, TilePlace};
-use lrfslam_core::robot::RobotConfig;
 use lrfslam_core::time::Instant;
-use lrfslam_core::wire::frame::MAX_FRAME;
-use lrfslam_core::wire::message::{Capacities, FromRobot, Status, TileUpdate, ToRobot};
-use lrfslam_core::wire::session::{Foreign, Progress, QueueFullError, Received, Session, SessionMemory};
+use lrfslam_robot::RobotConfig;
+use lrfslam_robot::wire::frame::MAX_FRAME;
+use lrfslam_robot::wire::message::{Capacities, FromRobot, Status, TileUpdate, ToRobot};
+use lrfslam_robot::wire::session::{Foreign, Progress, QueueFullError, Received, Session, SessionMemory};
 
 use super::map::Tiles;
 

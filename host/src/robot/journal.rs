@@ -9,8 +9,8 @@ use std::io::{self, Write as _};
 use std::path::Path;
 
 use anyhow::{Context as _, ensure};
-use lrfslam_core::wire::frame::{FrameDecoder, MAX_FRAME, encode};
-use lrfslam_core::wire::session::{Packet, Progress, VERSION};
+use lrfslam_robot::wire::frame::{FrameDecoder, MAX_FRAME, encode};
+use lrfslam_robot::wire::session::{Packet, Progress, VERSION};
 
 use super::client::Told;
 

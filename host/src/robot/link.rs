@@ -3,7 +3,7 @@
 use std::io;
 use std::time::Duration as WallDuration;
 
-use lrfslam_core::wire::frame::MAX_FRAME;
+use lrfslam_robot::wire::frame::MAX_FRAME;
 
 use super::client::{RobotClient, RobotEvent};
 use crate::driver::HostClock;

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::grid::CellIndex;
-use lrfslam_core::robot::RobotConfig;
-use lrfslam_core::wire::message::{Capacities, FromRobot, ScanPose, Segment, TileUpdate};
+use lrfslam_robot::RobotConfig;
+use lrfslam_robot::wire::message::{Capacities, FromRobot, ScanPose, Segment, TileUpdate};
 
 use super::client::fitted;
 use super::render::render;

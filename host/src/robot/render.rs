@@ -10,7 +10,7 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_core::low_slam::{LowSlam, LowSlamMemory};
 use lrfslam_core::particles::{Particle, Sample};
 use lrfslam_core::rays::Ray;
-use lrfslam_core::robot::{RobotConfig, TILE_SIDE};
+use lrfslam_robot::{RobotConfig, TILE_SIDE};
 
 use super::map::Tiles;
 use crate::high_slam::Correction;

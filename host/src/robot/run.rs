@@ -2,8 +2,8 @@
 
 use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::wire::message::{FromRobot, Status};
-use lrfslam_core::wire::session::Progress;
+use lrfslam_robot::wire::message::{FromRobot, Status};
+use lrfslam_robot::wire::session::Progress;
 
 use super::client::Told;
 use super::journal::{JOURNAL, Journal};

@@ -3,7 +3,7 @@
 use lrfslam_core::scan::{Beam, RangeScan};
 use lrfslam_core::sweep::SweepMotion;
 use lrfslam_core::time::Instant;
-use lrfslam_core::wire::sweep::SweepPart;
+use lrfslam_robot::wire::sweep::SweepPart;
 
 /// A scan that is told.
 #[derive(Debug, Clone, PartialEq)]

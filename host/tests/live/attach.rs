@@ -11,15 +11,15 @@ use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use crate::common::{lrfslam, run};
-use lrfslam_core::robot::StandardPools;
-use lrfslam_core::wire::frame::{MAX_FRAME, encode};
-use lrfslam_core::wire::session::{LAYOUT, Packet, VERSION};
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::pty;
 use lrfslam_firmware_sim::robot_process::{HostLine, Wiring, serve};
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
+use lrfslam_robot::StandardPools;
+use lrfslam_robot::wire::frame::{MAX_FRAME, encode};
+use lrfslam_robot::wire::session::{LAYOUT, Packet, VERSION};
 
 /// A robot and its laser, until dropped.
 pub struct Bench {

@@ -2,9 +2,9 @@
 #![no_std]
 #![no_main]
 
-use lrfslam_core::lrf::driver::{Input, LrfDriver, Output};
-use lrfslam_core::scan::Beam;
-use lrfslam_core::time::Instant;
+use lrfslam_lrf::driver::{Input, LrfDriver, Output};
+use lrfslam_scan::Beam;
+use lrfslam_scan::time::Instant;
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
@@ -33,13 +33,13 @@ fn serve(driver: &mut dyn LrfDriver, port: *mut u8) -> ! {
 pub extern "C" fn _start(port: *mut u8, beams: &'static mut [Beam; 1081], bytes: &'static mut [u8; 7168]) -> ! {
     let _ = (&beams, &bytes);
     #[cfg(feature = "hokuyo")]
-    serve(&mut lrfslam_core::lrf::hokuyo_scip::HokuyoDriver::new(Default::default(), bytes, beams), port);
+    serve(&mut lrfslam_lrf::hokuyo_scip::HokuyoDriver::new(Default::default(), bytes, beams), port);
     #[cfg(feature = "sick")]
-    serve(&mut lrfslam_core::lrf::sick_lms::SickDriver::new(Default::default(), bytes, beams), port);
+    serve(&mut lrfslam_lrf::sick_lms::SickDriver::new(Default::default(), bytes, beams), port);
     #[cfg(feature = "rplidar")]
-    serve(&mut lrfslam_core::lrf::rplidar::RplidarDriver::new(Default::default(), beams), port);
+    serve(&mut lrfslam_lrf::rplidar::RplidarDriver::new(Default::default(), beams), port);
     #[cfg(feature = "ldrobot")]
-    serve(&mut lrfslam_core::lrf::ldrobot::LdrobotDriver::new(Default::default(), beams), port);
+    serve(&mut lrfslam_lrf::ldrobot::LdrobotDriver::new(Default::default(), beams), port);
     #[allow(unreachable_code)]
     loop {
         // SAFETY: never run, only measured.

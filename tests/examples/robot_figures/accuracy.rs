@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use anyhow::{Context as _, ensure};
+use lrfslam_core::geometry::Point2;
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::robot::{CompactPools, LaserConfig, Mapping, RobotConfig, StandardPools};
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::log::LogScan;
 use lrfslam_host::mapper::{Mapper, MapperMemory};
 use lrfslam_host::trajectory::read_trajectory;
+use lrfslam_robot::{CompactPools, LaserConfig, Mapping, RobotConfig, StandardPools};
 use lrfslam_tests::robot_rig::Tally;
 
 use crate::{MappedPath, compact, map, mounting, read, thinned};
@@ -26,7 +27,7 @@ struct MapError {
 fn map_error(scans: &[LogScan], poses: &[Pose2], truth: &[Pose2]) -> MapError {
     let robot_from_lrf = mounting(scans);
     let hits = scans.iter().zip(poses).zip(truth).flat_map(|((scan, pose), truth)| {
-        let hits = scan.beams.iter().filter_map(|beam| beam.hit_in_lrf());
+        let hits = scan.beams.iter().filter_map(|beam| Point2::of_hit(beam));
         hits.map(move |hit| {
             let hit = robot_from_lrf.transform(hit);
             [pose.transform(hit), truth.transform(hit)].map(|hit| [f64::from(hit.x), f64::from(hit.y)])

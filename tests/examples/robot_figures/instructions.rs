@@ -5,10 +5,10 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use anyhow::{Context as _, ensure};
-use lrfslam_core::robot::{CompactPools, Mapping, RobotConfig, StandardPools};
 use lrfslam_core::scan::RangeScan;
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::log::LogScan;
+use lrfslam_robot::{CompactPools, Mapping, RobotConfig, StandardPools};
 use lrfslam_tests::mcu::Mcu;
 
 use crate::{compact, map, mounting, read, thinned};

@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, Subcommand};
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::robot::{Mapping, RobotConfig};
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::log::{LogReader, LogScan};
+use lrfslam_robot::{Mapping, RobotConfig};
 use lrfslam_tests::robot_rig::Tally;
 
 #[derive(Parser)]

@@ -1,8 +1,8 @@
 //! What a host keeps of what a robot tells it.
 
-use lrfslam_core::wire::message::FromRobot;
-use lrfslam_core::wire::session::Progress;
 use lrfslam_host::robot::{RobotMap, Sweeps, Tiles, Told};
+use lrfslam_robot::wire::message::FromRobot;
+use lrfslam_robot::wire::session::Progress;
 
 /// Where a host stores what it hears; it outlives the host.
 pub trait HostDisk {

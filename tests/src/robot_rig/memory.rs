@@ -4,8 +4,8 @@ use lrfslam_core::ancestry::Node;
 use lrfslam_core::distributed_map::{Tile, TileHeader, TileId};
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::particles::{Particle, Sample};
-use lrfslam_core::robot::{CompactPools, LargePools, RobotMemory, StandardPools};
 use lrfslam_firmware_sim::robot_process::Memory;
+use lrfslam_robot::{CompactPools, LargePools, RobotMemory, StandardPools};
 
 /// Builds of the robot.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

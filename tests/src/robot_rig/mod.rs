@@ -8,15 +8,15 @@ mod line;
 mod memory;
 mod ports;
 
-use lrfslam_core::lrf::driver::NEVER;
-use lrfslam_core::robot::{Input, Robot, RobotConfig, RobotMemory};
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_core::wire::frame::MAX_FRAME;
-use lrfslam_core::wire::message::{Status, ToRobot};
-use lrfslam_core::wire::session::SessionCounters;
 use lrfslam_firmware_sim::cable::{Cable, resample};
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_host::robot::{ClientMemory, RobotClient, RobotEvent};
+use lrfslam_lrf::driver::NEVER;
+use lrfslam_robot::wire::frame::MAX_FRAME;
+use lrfslam_robot::wire::message::{Status, ToRobot};
+use lrfslam_robot::wire::session::SessionCounters;
+use lrfslam_robot::{Input, Robot, RobotConfig, RobotMemory};
 
 pub use disk::{Disk, HostDisk, Life};
 use line::Line;

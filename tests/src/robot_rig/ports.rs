@@ -3,8 +3,8 @@
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::robot::{Mapped, Ports};
-use lrfslam_core::wire::message::Health;
+use lrfslam_robot::wire::message::Health;
+use lrfslam_robot::{Mapped, Ports};
 
 /// What mapping did so far that no host is told.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -3,14 +3,14 @@
 
 use std::sync::Mutex;
 
-use lrfslam_core::robot::{LaserConfig, LaserFamily, Mapping, RobotConfig, StandardPools};
 use lrfslam_core::scan::RangeScan;
-use lrfslam_core::wire::message::{ScanPose, Segment};
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::scene::RobotScene;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
+use lrfslam_robot::wire::message::{ScanPose, Segment};
+use lrfslam_robot::{LaserConfig, LaserFamily, Mapping, RobotConfig, StandardPools};
 use lrfslam_tests::mcu::{Drive, Mcu, drive, scans_on};
 
 /// What `mapping` makes of the scans on the line, at the times that the robot gave them.

@@ -9,19 +9,19 @@ use std::path::{Path, PathBuf};
 use lrfslam_core::config::Section;
 use lrfslam_core::distributed_map::Region;
 use lrfslam_core::geometry::{Point2, Pose2};
-use lrfslam_core::lrf::driver::Input;
-use lrfslam_core::robot::RobotConfig;
 use lrfslam_core::sweep::SweepMotion;
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_core::wire::frame::{MAX_FRAME, encode};
-use lrfslam_core::wire::message::{
-    Capacities, FromRobot, Health, Identity, PathNode, ScanPose, Segment, Status, TileUpdate, ToRobot,
-};
-use lrfslam_core::wire::session::{LAYOUT, Packet, Progress, VERSION};
-use lrfslam_core::wire::sweep::SweepPart;
 use lrfslam_host::driver::{LrfFamily, LrfOptions};
 use lrfslam_host::recording::{Entry, RecordPlan, Recorder, RecordingHeader, RecordingReader};
 use lrfslam_host::robot::{Journal, Told};
+use lrfslam_lrf::driver::Input;
+use lrfslam_robot::RobotConfig;
+use lrfslam_robot::wire::frame::{MAX_FRAME, encode};
+use lrfslam_robot::wire::message::{
+    Capacities, FromRobot, Health, Identity, PathNode, ScanPose, Segment, Status, TileUpdate, ToRobot,
+};
+use lrfslam_robot::wire::session::{LAYOUT, Packet, Progress, VERSION};
+use lrfslam_robot::wire::sweep::SweepPart;
 
 const RENEW: &str = "LRFSLAM_RENEW_GOLDEN";
 const LINK_VERSION: &str = "VERSION in core/src/wire/packet.rs (of the robot link, and so of robot.journal)";

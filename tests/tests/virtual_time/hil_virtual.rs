@@ -2,9 +2,6 @@
 //!
 //! The long run, 100000 scans a model and fault rate: `cargo test --release -p lrfslam-tests --test virtual_time hil_virtual -- --ignored --nocapture`
 
-use lrfslam_core::lrf::driver::{BaudPolicy, LrfDriver};
-use lrfslam_core::lrf::hokuyo_scip::{self, HokuyoConfig, HokuyoDriver};
-use lrfslam_core::lrf::sick_lms::{self, OperatingMode, SickConfig, SickDriver, Variant};
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::fault::FaultPlan;
@@ -12,6 +9,9 @@ use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
+use lrfslam_lrf::driver::{BaudPolicy, LrfDriver};
+use lrfslam_lrf::hokuyo_scip::{self, HokuyoConfig, HokuyoDriver};
+use lrfslam_lrf::sick_lms::{self, OperatingMode, SickConfig, SickDriver, Variant};
 use lrfslam_tests::{Rig, oracle};
 
 const SECOND: i64 = 1_000_000;

@@ -1,11 +1,11 @@
 //! A building larger than the robot's memory: what the host has in the end is what a robot with memory for all of it tells, to the bit; and with so
 //! little memory that particles go for want of it, it is at least the same whatever the line does.
 
-use lrfslam_core::robot::{LaserConfig, LaserFamily, RobotConfig};
 use lrfslam_core::time::Duration;
-use lrfslam_core::wire::message::{Status, ToRobot};
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
+use lrfslam_robot::wire::message::{Status, ToRobot};
+use lrfslam_robot::{LaserConfig, LaserFamily, RobotConfig};
 use lrfslam_tests::robot_rig::{Build, Disk, Life, LineFaults, PoolSize, RobotRig, Tally};
 
 /// Until then the robot is configured.

@@ -2,12 +2,12 @@
 //!
 //! Robot and laser see the same in all runs; only the line between robot and host differs.
 
-use lrfslam_core::robot::{LaserConfig, LaserFamily, RobotConfig};
 use lrfslam_core::time::Duration;
-use lrfslam_core::wire::message::{ScanPose, Segment, ToRobot};
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_host::robot::Tiles;
+use lrfslam_robot::wire::message::{ScanPose, Segment, ToRobot};
+use lrfslam_robot::{LaserConfig, LaserFamily, RobotConfig};
 use lrfslam_tests::robot_rig::{Life, LineFaults, RobotRig};
 
 /// Until then the robot is configured, whatever the line does.

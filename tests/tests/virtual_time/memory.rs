@@ -3,11 +3,11 @@
 
 use std::mem::size_of;
 
-use lrfslam_core::lrf::hokuyo_scip::{HokuyoDriver, driver as hokuyo};
-use lrfslam_core::lrf::ldrobot::{LdrobotDriver, driver as ldrobot};
-use lrfslam_core::lrf::rplidar::{RplidarDriver, driver as rplidar};
-use lrfslam_core::lrf::sick_lms::{SickDriver, driver as sick};
 use lrfslam_core::scan::Beam;
+use lrfslam_lrf::hokuyo_scip::{HokuyoDriver, driver as hokuyo};
+use lrfslam_lrf::ldrobot::{LdrobotDriver, driver as ldrobot};
+use lrfslam_lrf::rplidar::{RplidarDriver, driver as rplidar};
+use lrfslam_lrf::sick_lms::{SickDriver, driver as sick};
 
 #[test]
 fn drivers_keep_their_memory_budget() {

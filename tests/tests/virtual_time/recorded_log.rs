@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use lrfslam_core::robot::{LaserConfig, LaserFamily, ReportConfig, RobotConfig};
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_core::wire::message::FromRobot;
-use lrfslam_core::wire::session::Progress;
 use lrfslam_firmware_sim::virtual_lrf::recording::{RecordedLaser, RecordedScan};
 use lrfslam_host::log::{LogOptions, LogReader, LogScan};
 use lrfslam_host::robot::{Sweeps, Told};
+use lrfslam_robot::wire::message::FromRobot;
+use lrfslam_robot::wire::session::Progress;
+use lrfslam_robot::{LaserConfig, LaserFamily, ReportConfig, RobotConfig};
 use lrfslam_tests::data;
 use lrfslam_tests::robot_rig::{Build, HostDisk, LineFaults, RobotRig};
 

@@ -2,11 +2,11 @@
 
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::laser_odometry::Reference;
-use lrfslam_core::robot::{LaserConfig, LaserFamily, RobotConfig};
 use lrfslam_core::time::Duration;
-use lrfslam_core::wire::message::ToRobot;
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
+use lrfslam_robot::wire::message::ToRobot;
+use lrfslam_robot::{LaserConfig, LaserFamily, RobotConfig};
 use lrfslam_tests::robot_rig::{Build, Disk, PoolSize, RobotRig};
 
 fn good() -> RobotConfig {

@@ -1,14 +1,14 @@
 //! Bytes recorded from real devices, byte for byte, however they are cut.
 
-use lrfslam_core::lrf::hokuyo_scip::scan::read_scan;
-use lrfslam_core::lrf::hokuyo_scip::{Acquire, Command, Reply, ScipDecoder, SensorParameters, Status};
-use lrfslam_core::lrf::sick_lms::measurement::{Part, ValueFormat};
-use lrfslam_core::lrf::sick_lms::reply::DeviceStatus;
-use lrfslam_core::lrf::sick_lms::scan::ScanLayout;
-use lrfslam_core::lrf::sick_lms::telegram::{Direction, MAX_TELEGRAM};
-use lrfslam_core::lrf::sick_lms::{self, DecoderEvent, ReplyBody, TelegramDecoder, Unit, Variant};
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::Duration;
+use lrfslam_lrf::hokuyo_scip::scan::read_scan;
+use lrfslam_lrf::hokuyo_scip::{Acquire, Command, Reply, ScipDecoder, SensorParameters, Status};
+use lrfslam_lrf::sick_lms::measurement::{Part, ValueFormat};
+use lrfslam_lrf::sick_lms::reply::DeviceStatus;
+use lrfslam_lrf::sick_lms::scan::ScanLayout;
+use lrfslam_lrf::sick_lms::telegram::{Direction, MAX_TELEGRAM};
+use lrfslam_lrf::sick_lms::{self, DecoderEvent, ReplyBody, TelegramDecoder, Unit, Variant};
 use lrfslam_tests::data;
 
 const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };

@@ -7,7 +7,7 @@
 use core::fmt::Write as _;
 
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::robot::{Mapping, Ports as _, RobotConfig};
+use lrfslam_robot::{Mapping, Ports as _, RobotConfig};
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware::Pools;

@@ -13,8 +13,8 @@ pub use mps2::{Board, NAME, recording};
 pub use nucleo_h743zi::{Board, NAME};
 
 use crate::port::Port;
-use lrfslam_core::robot::Ports;
-use lrfslam_core::wire::frame::MAX_FRAME;
+use lrfslam_robot::Ports;
+use lrfslam_robot::wire::frame::MAX_FRAME;
 
 /// Of the laser: a scan of a URG-04LX may wait while another is mapped.
 pub type LaserPort = Port<4096, 64>;

@@ -7,9 +7,9 @@
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::exception;
-use lrfslam_core::robot::Ports;
+use lrfslam_robot::Ports;
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_core::wire::message::Health;
+use lrfslam_robot::wire::message::Health;
 use stm32h7xx_hal::independent_watchdog::IndependentWatchdog;
 use stm32h7xx_hal::pac::{self, interrupt};
 use stm32h7xx_hal::prelude::*;

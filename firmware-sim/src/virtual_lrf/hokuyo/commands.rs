@@ -1,9 +1,9 @@
 //! Answers to commands.
 
-use lrfslam_core::lrf::hokuyo_scip::command::split_tag;
-use lrfslam_core::lrf::hokuyo_scip::parameters::emit_info;
-use lrfslam_core::lrf::hokuyo_scip::{Acquire, Command, Encoding, Status, TimeMode, code};
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_lrf::hokuyo_scip::command::split_tag;
+use lrfslam_lrf::hokuyo_scip::parameters::emit_info;
+use lrfslam_lrf::hokuyo_scip::{Acquire, Command, Encoding, Status, TimeMode, code};
 
 use super::{Stream, VirtualHokuyo};
 use crate::virtual_lrf::VirtualLrf;

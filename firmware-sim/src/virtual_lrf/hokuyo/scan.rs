@@ -1,9 +1,9 @@
 //! Scans: what the scene holds, as text.
 
-use lrfslam_core::lrf::hokuyo_scip::parameters::RangeCodes;
-use lrfslam_core::lrf::hokuyo_scip::reply::BLOCK;
-use lrfslam_core::lrf::hokuyo_scip::{Acquire, Command, Encoding, Status, code};
 use lrfslam_core::time::Instant;
+use lrfslam_lrf::hokuyo_scip::parameters::RangeCodes;
+use lrfslam_lrf::hokuyo_scip::reply::BLOCK;
+use lrfslam_lrf::hokuyo_scip::{Acquire, Command, Encoding, Status, code};
 
 use super::VirtualHokuyo;
 use crate::lrf_model::Reading;

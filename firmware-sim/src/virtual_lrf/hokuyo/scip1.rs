@@ -2,8 +2,8 @@
 //!
 //! Source: drivers; text of recorded scans. `L` and `S` are known by one source only, and answered as it says.
 
-use lrfslam_core::lrf::hokuyo_scip::{Acquire, Encoding};
 use lrfslam_core::time::Instant;
+use lrfslam_lrf::hokuyo_scip::{Acquire, Encoding};
 
 use super::VirtualHokuyo;
 

@@ -1,8 +1,8 @@
 //! Answers to requests.
 
-use lrfslam_core::lrf::sick_lms::telegram::MAX_PAYLOAD;
-use lrfslam_core::lrf::sick_lms::{OperatingMode, Request, Variant};
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_lrf::sick_lms::telegram::MAX_PAYLOAD;
+use lrfslam_lrf::sick_lms::{OperatingMode, Request, Variant};
 
 use super::{INSTALLATION_PASSWORD, VirtualSick};
 

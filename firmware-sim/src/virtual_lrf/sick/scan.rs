@@ -1,8 +1,8 @@
 //! Scans: what the scene holds, as telegrams, at 75 mirror turns a second.
 
-use lrfslam_core::lrf::sick_lms::measurement::{ValueFormat, count_word};
-use lrfslam_core::lrf::sick_lms::{OperatingMode, Unit};
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_lrf::sick_lms::measurement::{ValueFormat, count_word};
+use lrfslam_lrf::sick_lms::{OperatingMode, Unit};
 
 use super::VirtualSick;
 use crate::lrf_model::Reading;

@@ -1,11 +1,11 @@
 //! The B1 status report.
 //!
-//! Source: manual, offsets as in `lrfslam_core::lrf::sick_lms::reply::StatusReport`.
+//! Source: manual, offsets as in `lrfslam_lrf::sick_lms::reply::StatusReport`.
 
-use lrfslam_core::lrf::sick_lms::OperatingMode;
-use lrfslam_core::lrf::sick_lms::reply::STATUS_REPORT;
-use lrfslam_core::lrf::sick_lms::request::BAUD_CODES;
 use lrfslam_core::time::Instant;
+use lrfslam_lrf::sick_lms::OperatingMode;
+use lrfslam_lrf::sick_lms::reply::STATUS_REPORT;
+use lrfslam_lrf::sick_lms::request::BAUD_CODES;
 
 use super::VirtualSick;
 

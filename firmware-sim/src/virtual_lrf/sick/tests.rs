@@ -1,6 +1,6 @@
 use super::*;
 use crate::scenario::Scenario;
-use lrfslam_core::lrf::sick_lms::{DecoderEvent, Measurement, TelegramDecoder};
+use lrfslam_lrf::sick_lms::{DecoderEvent, Measurement, TelegramDecoder};
 
 /// What an LMS200 in a room says to `bytes`, within `ms`: ACK and NAK as themselves, payloads without their frame.
 fn ask(device: &mut VirtualSick, now: &mut Instant, bytes: &[u8], ms: i64) -> Vec<Vec<u8>> {

@@ -1,0 +1,352 @@
+//! A session with a Hokuyo sensor, from whatever state it is in to verified scans: see the [contract](crate::driver).
+//!
+//! Find its rate (line feed, silence, `QT`), lead it out of SCIP 1.1 and of time mode, read `VV`, `PP` and `II`, raise the
+//! rate as asked, compare clocks, stream. Eight damaged scans in a row, silence, a reset or a stuck clock begin the session
+//! anew, with back-off and all parameters read again, for it may be another sensor.
+
+mod connect;
+mod stream;
+
+pub use self::connect::RATES;
+use super::command::{Acquire, Command, Encoding, TimeMode};
+use super::decoder::ScipDecoder;
+use super::parameters::SensorParameters;
+use super::reply::Reply;
+use crate::clock::{ClockOffset, PERIOD_24_BIT_MS, StampUnwrapper};
+use crate::driver::{BaudPolicy, Cause, Counters, Input, LrfDriver, Output, Step};
+use crate::session::{Patience, SessionBase, wire_time};
+use lrfslam_scan::time::{Duration, Instant};
+use lrfslam_scan::{Beam, RangeScan};
+
+/// Bytes that hold any frame of a UTM-30LX, with intensities: the frame memory to lend.
+pub const FRAME_MEMORY: usize = 7168;
+/// Beams of the widest scan, a UTM-30LX's: the beam memory to lend.
+pub const BEAM_MEMORY: usize = 1081;
+
+/// What to ask of the sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct HokuyoConfig {
+    /// The line's rate.
+    pub baud: BaudPolicy,
+    /// How values are written; [`Encoding::Intensity`] only for models known to have it: it can wedge an old URG-04LX.
+    pub encoding: Encoding,
+    /// First and last step; `None` for the whole field of view.
+    pub steps: Option<(u16, u16)>,
+    /// Neighbouring steps merged into one beam, 1..=99.
+    pub cluster: u8,
+    /// Turns dropped after each scan, 0..=9.
+    pub interval: u8,
+    /// Subtracted from every stamp: for a driver or adapter known to be late.
+    pub latency: Duration,
+}
+
+impl Default for HokuyoConfig {
+    /// Every step of every turn, in millimetres, at the rate found.
+    fn default() -> Self {
+        Self {
+            baud: BaudPolicy::Keep,
+            encoding: Encoding::Long,
+            steps: None,
+            cluster: 1,
+            interval: 0,
+            latency: Duration::ZERO,
+        }
+    }
+}
+
+/// What a reply is awaited to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Ask {
+    Quit,
+    SwitchToScip2,
+    LeaveTime,
+    Version,
+    Parameters,
+    Information,
+    Rate,
+    VerifyRate,
+    EnterTime,
+    ReadTime,
+    EndTime,
+    LaserOn,
+    Stream,
+    Stop,
+}
+
+impl Ask {
+    fn step(self) -> Step {
+        match self {
+            Ask::Quit | Ask::SwitchToScip2 | Ask::LeaveTime => Step::Find,
+            Ask::Version | Ask::Parameters | Ask::Information => Step::Identify,
+            Ask::Rate | Ask::VerifyRate => Step::RaiseBaud,
+            Ask::EnterTime | Ask::ReadTime | Ask::EndTime => Step::Configure,
+            Ask::LaserOn | Ask::Stream => Step::Start,
+            Ask::Stop => Step::Stream,
+        }
+    }
+
+    fn text(self) -> &'static str {
+        match self {
+            Ask::Quit | Ask::Stop => "QT",
+            Ask::SwitchToScip2 => "SCIP2.0",
+            Ask::LeaveTime | Ask::EndTime => "TM2",
+            Ask::Version | Ask::VerifyRate => "VV",
+            Ask::Parameters => "PP",
+            Ask::Information => "II",
+            Ask::Rate => "SS",
+            Ask::EnterTime => "TM0",
+            Ask::ReadTime => "TM1",
+            Ask::LaserOn => "BM",
+            Ask::Stream => "the command for scans",
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    /// No port, or stopped.
+    Idle,
+    /// Waiting before the next look for the sensor.
+    BackOff,
+    /// A line feed was sent, which ends half a command; listening until it is silent.
+    Flush,
+    /// A command was sent.
+    Asking(Ask),
+    /// The rate was changed: both sides settle.
+    Settle,
+    Streaming,
+}
+
+/// Driver for SCIP sensors over any byte link.
+#[derive(Debug)]
+pub struct HokuyoDriver<'a> {
+    decoder: ScipDecoder<'a>,
+    session: Session<'a>,
+}
+
+/// Everything but the bytes: lives beside the decoder, so that a frame can be read in place.
+#[derive(Debug)]
+struct Session<'a> {
+    config: HokuyoConfig,
+    base: SessionBase,
+    state: State,
+    attempts_left: u8,
+    sent_at: Instant,
+    frame_began: Instant,
+    bad_in_a_row: u8,
+
+    /// The sensor is on USB, where the rate means nothing.
+    is_usb: bool,
+    raise_failures: u8,
+    detours: u8,
+    noise: LineNoise,
+
+    parameters: Option<SensorParameters>,
+    acquire: Acquire,
+    stamps: StampUnwrapper,
+    offset: ClockOffset,
+
+    beams: &'a mut [Beam],
+    scan_len: usize,
+    scan_stamp: Instant,
+}
+
+/// Tells a wrong rate by what is no text.
+#[derive(Debug, Clone, Copy, Default)]
+struct LineNoise {
+    bytes: u32,
+    no_text: u32,
+}
+
+impl LineNoise {
+    fn add(&mut self, bytes: &[u8]) {
+        self.bytes = self.bytes.saturating_add(bytes.len() as u32);
+        let odd = bytes.iter().filter(|byte| !matches!(**byte, b'\n' | 0x20..0x7F)).count();
+        self.no_text = self.no_text.saturating_add(odd as u32);
+    }
+
+    fn is_wrong_rate(self) -> bool {
+        self.bytes >= 100 && self.no_text > self.bytes / 5
+    }
+}
+
+impl<'a> HokuyoDriver<'a> {
+    /// A driver that waits for [`Input::Connected`].
+    ///
+    /// * `frame` — holds one reply: [`FRAME_MEMORY`] is enough for every model, 2300 for a URG-04LX
+    /// * `beams` — holds one scan: [`BEAM_MEMORY`], or 682
+    pub fn new(config: HokuyoConfig, frame: &'a mut [u8], beams: &'a mut [Beam]) -> Self {
+        let session = Session {
+            config,
+            base: SessionBase::default(),
+            state: State::Idle,
+            attempts_left: 0,
+            sent_at: Instant::default(),
+            frame_began: Instant::default(),
+            bad_in_a_row: 0,
+            is_usb: false,
+            raise_failures: 0,
+            detours: 0,
+            noise: LineNoise::default(),
+            parameters: None,
+            acquire: Acquire { encoding: config.encoding, multi_echo: false, first: 0, last: 0, cluster: 1 },
+            stamps: StampUnwrapper::new(PERIOD_24_BIT_MS),
+            offset: ClockOffset::default(),
+            beams,
+            scan_len: 0,
+            scan_stamp: Instant::default(),
+        };
+        Self { decoder: ScipDecoder::new(frame), session }
+    }
+
+    /// What the sensor said of its geometry, once it was asked.
+    pub fn parameters(&self) -> Option<&SensorParameters> {
+        self.session.parameters.as_ref()
+    }
+}
+
+impl LrfDriver for HokuyoDriver<'_> {
+    fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
+        match input {
+            Input::Bytes(bytes) => return self.take(now, bytes),
+            Input::Timeout if self.session.base.patience.is_over(now) => self.session.on_timeout(now),
+            Input::Timeout => {}
+            Input::Connected => {
+                self.decoder.forget();
+                self.session.on_connected(now);
+            }
+            Input::Disconnected => {
+                self.decoder.forget();
+                self.session.on_disconnected();
+            }
+            Input::Stop => self.session.on_stop(now),
+        }
+        0
+    }
+
+    fn poll_output(&mut self) -> Output<'_> {
+        let session = &mut self.session;
+        let range_max_m = session.base.identity.range_max_m;
+        session.base.poll_output(|| RangeScan {
+            stamp: session.scan_stamp,
+            range_max_m,
+            beams: session.beams.get(..session.scan_len).unwrap_or(&[]),
+        })
+    }
+
+    fn counters(&self) -> Counters {
+        self.session.base.counters(self.decoder.oversize_frames())
+    }
+}
+
+impl HokuyoDriver<'_> {
+    /// Takes bytes up to the first frame that leads to an output; none while outputs wait.
+    fn take(&mut self, now: Instant, bytes: &[u8]) -> usize {
+        let mut taken = 0;
+        while self.session.base.outbox.is_empty() {
+            let rest = bytes.get(taken..).unwrap_or(b"");
+            if rest.is_empty() {
+                break;
+            }
+            if !self.decoder.is_inside_frame() {
+                self.session.frame_began = now;
+            }
+            let (count, frame) = self.decoder.feed(rest);
+            taken += count;
+            self.session.on_bytes(now, rest.get(..count).unwrap_or(b""));
+            if let Some(frame) = frame {
+                self.session.on_frame(now, frame);
+            }
+        }
+        taken
+    }
+}
+
+impl Session<'_> {
+    fn on_frame(&mut self, now: Instant, frame: &[u8]) {
+        match self.state {
+            State::Asking(ask) => {
+                let command = self.command(ask).emit();
+                match Reply::find(frame, &command, command.len()) {
+                    Ok(reply) => self.on_reply(now, ask, &reply),
+                    Err(_) if ask == Ask::Stream => self.on_scan_frame(now, frame),
+                    Err(_) => {}
+                }
+            }
+            State::Streaming => self.on_scan_frame(now, frame),
+            State::Idle | State::BackOff | State::Flush | State::Settle => {}
+        }
+    }
+
+    fn on_timeout(&mut self, now: Instant) {
+        match self.state {
+            State::Idle => self.base.patience = Patience::FOREVER,
+            State::BackOff => self.find(now),
+            State::Flush => self.ask(now, Ask::Quit),
+            State::Settle => self.ask(now, Ask::VerifyRate),
+            State::Asking(ask) if self.attempts_left > 0 => {
+                self.attempts_left -= 1;
+                self.send(now, ask);
+            }
+            State::Asking(ask) => self.on_no_reply(now, ask),
+            State::Streaming => self.restart(now, Step::Stream, Cause::Silent, ""),
+        }
+    }
+
+    /// Sends the command of `ask`, and awaits its reply.
+    fn ask(&mut self, now: Instant, ask: Ask) {
+        self.attempts_left = match ask {
+            Ask::Quit => u8::from(self.base.rate_index == 0),
+            _ => 2,
+        };
+        self.state = State::Asking(ask);
+        self.send(now, ask);
+    }
+
+    fn send(&mut self, now: Instant, ask: Ask) {
+        let command = self.command(ask).emit();
+        let mut line: heapless::Vec<u8, 24> = heapless::Vec::new();
+        // The line feed before ends what is left of a damaged command; an empty line is ignored.
+        let _ = line.push(b'\n');
+        let _ = line.extend_from_slice(&command);
+        let _ = line.push(b'\n');
+        self.base.outbox.transmit(&line);
+        self.sent_at = now;
+        self.base.patience = Patience::new(now, self.reply_wait(), Duration::from_millis(3000));
+    }
+
+    /// A sensor answers at its next turn (100 ms for the slowest), and the longest reply has 250 bytes.
+    fn reply_wait(&self) -> Duration {
+        Duration::from_micros(400_000 + wire_time(250, self.line_baud()).micros)
+    }
+
+    /// The rate that bytes travel at, bit/s; 0 if it means nothing.
+    fn line_baud(&self) -> u32 {
+        if self.is_usb { 0 } else { self.base.baud }
+    }
+
+    fn command(&self, ask: Ask) -> Command {
+        match ask {
+            Ask::Quit | Ask::Stop => Command::Quit,
+            Ask::SwitchToScip2 => Command::SwitchToScip2,
+            Ask::LeaveTime | Ask::EndTime => Command::Time(TimeMode::Leave),
+            Ask::Version | Ask::VerifyRate => Command::Version,
+            Ask::Parameters => Command::Parameters,
+            Ask::Information => Command::Information,
+            Ask::Rate => Command::BitRate(self.config.baud.wanted()),
+            Ask::EnterTime => Command::Time(TimeMode::Enter),
+            Ask::ReadTime => Command::Time(TimeMode::Read),
+            Ask::LaserOn => Command::LaserOn,
+            Ask::Stream => Command::Stream { acquire: self.acquire, interval: self.config.interval, count: 0 },
+        }
+    }
+
+    /// Reports trouble and begins anew after a while.
+    fn restart(&mut self, now: Instant, step: Step, cause: Cause, sent: &'static str) {
+        self.base.begin_anew(now, step, cause, sent);
+        self.state = State::BackOff;
+    }
+}
+
+#[cfg(test)]
+mod tests;

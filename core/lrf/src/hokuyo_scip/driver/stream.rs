@@ -1,0 +1,108 @@
+//! From the first scan to the last.
+
+use super::{Ask, Session, State};
+use crate::clock::Stamp;
+use crate::driver::{Cause, Step};
+use crate::hokuyo_scip::reply::{BLOCK, Reply, Status};
+use crate::hokuyo_scip::scan::read_scan;
+use crate::session::{Patience, Pending, wire_time};
+use lrfslam_scan::time::{Duration, Instant};
+
+/// Damaged scans in a row after which the session begins anew.
+const MAX_BAD: u8 = 8;
+/// Characters of an `Mx` echo whose last two count down.
+const STREAM_ECHO: usize = 15;
+
+impl Session<'_> {
+    pub(super) fn begin_streaming(&mut self, now: Instant) {
+        self.state = State::Streaming;
+        self.bad_in_a_row = 0;
+        self.base.outbox.push(Pending::Streaming(self.line_baud(), self.scan_period()));
+        self.watch(now, Duration::from_millis(1500));
+    }
+
+    /// A frame while scans are expected.
+    pub(super) fn on_scan_frame(&mut self, now: Instant, frame: &[u8]) {
+        let command = self.command(Ask::Stream).emit();
+        match Reply::find(frame, &command, STREAM_ECHO) {
+            Ok(reply) if reply.status == Status::SCAN => self.on_scan(now, &reply),
+            Ok(reply) if reply.status.is_hardware_fault() => self.report_fault(reply.status),
+            // The start's own reply again, or "resumed".
+            Ok(_) => {}
+            Err(_) => self.refuse(now),
+        }
+    }
+
+    pub(super) fn on_scan(&mut self, now: Instant, reply: &Reply<'_>) {
+        if self.state != State::Streaming {
+            self.begin_streaming(now);
+        }
+        let Some(parameters) = &self.parameters else {
+            return;
+        };
+        let Ok(header) = read_scan(reply, parameters, &self.acquire, self.beams) else {
+            return self.refuse(now);
+        };
+        let transit = parameters.step_time(self.acquire.last);
+        let stamp_ms = match self.stamps.unwrap(header.stamp_ms) {
+            Stamp::At(stamp_ms) => stamp_ms,
+            Stamp::Reset => return self.restart(now, Step::Stream, Cause::Reset, ""),
+            Stamp::Stuck => return self.restart(now, Step::Stream, Cause::StuckClock, ""),
+        };
+        // Both are no earlier than the truth: reading late makes the first late, reading in pieces the second.
+        let first_byte = Instant::from_micros(now.micros - wire_time(self.scan_bytes(), self.line_baud()).micros);
+        let stamp = self.offset.stamp(self.frame_began.min(first_byte), stamp_ms, transit);
+        self.scan_stamp = Instant::from_micros(stamp.micros - self.config.latency.micros);
+        self.scan_len = header.beams;
+        self.base.announce_scan();
+        self.bad_in_a_row = 0;
+        self.watch(now, Duration::from_millis(500));
+    }
+
+    fn refuse(&mut self, now: Instant) {
+        self.base.counters.damaged = self.base.counters.damaged.saturating_add(1);
+        self.bad_in_a_row += 1;
+        if self.bad_in_a_row >= MAX_BAD {
+            self.restart(now, Step::Stream, Cause::Damaged, "");
+        }
+    }
+
+    fn report_fault(&mut self, status: Status) {
+        self.base.warn(Step::Stream, Cause::HardwareFault(status.bytes()), "");
+    }
+
+    /// Bytes of a scan on the wire.
+    ///
+    /// Source: manual; echo, status, stamp, then lines of 64 characters, each with sum and line feed.
+    fn scan_bytes(&self) -> usize {
+        let characters = usize::from(self.acquire.value_counts().1) * self.acquire.encoding.width();
+        STREAM_ECHO + 1 + 4 + 6 + characters + 2 * characters.div_ceil(BLOCK) + 1
+    }
+
+    /// From one scan to the next: whole turns, as many as the line needs.
+    fn scan_period(&self) -> Duration {
+        let turn = self.base.identity.turn.micros.max(1);
+        let wire = wire_time(self.scan_bytes(), self.line_baud()).micros;
+        let turns = (wire / turn + 1).max(i64::from(self.config.interval) + 1);
+        Duration::from_micros(turns * turn)
+    }
+
+    /// The next scan is due: three may be damaged before it is called silence.
+    fn watch(&mut self, now: Instant, allowance: Duration) {
+        let wait = Duration::from_micros(4 * self.scan_period().micros + allowance.micros);
+        self.base.patience = Patience::new(now, wait, wait);
+    }
+
+    pub(super) fn on_stop(&mut self, now: Instant) {
+        match self.state {
+            State::Idle => self.stopped(false),
+            State::Asking(Ask::Stop) => {}
+            _ => self.ask(now, Ask::Stop),
+        }
+    }
+
+    pub(super) fn stopped(&mut self, laser_off: bool) {
+        self.base.stopped(laser_off);
+        self.state = State::Idle;
+    }
+}

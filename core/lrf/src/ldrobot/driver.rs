@@ -1,0 +1,261 @@
+//! A session with an LD06 or LD19: it listens; there is nothing to say.
+
+use super::packet::{POINTS, Packet, PacketDecoder, STAMP_PERIOD_MS};
+use crate::clock::{ClockOffset, Stamp, StampUnwrapper};
+use crate::driver::{BaudRates, Cause, Counters, Identity, Input, LrfDriver, Output, Step};
+use crate::session::{Patience, Pending, SessionBase, wire_time};
+use crate::turn::{Sample, TurnAssembler, sample_time};
+use lrfslam_scan::time::{Duration, Instant};
+use lrfslam_scan::{Beam, Echo};
+
+/// The beam memory to lend: a turn at the slowest speed, 5 Hz.
+pub const BEAM_MEMORY: usize = 1000;
+/// The only rate, bit/s.
+const BAUD: u32 = 230_400;
+/// Nothing farther is measured, m (manual: 12).
+const RANGE_MAX_M: f32 = 12.0;
+/// Nothing nearer is measured, mm (manual: 0.02 m).
+const DISTANCE_MIN_MM: u16 = 20;
+/// Packets come every 2.7 ms.
+const SILENCE: Duration = Duration::from_millis(2000);
+/// The sensor counts whole milliseconds; more difference than this from one packet to the next is a lost packet.
+const MAX_STEP_MS: i64 = 6;
+
+/// Driver for LD06 and LD19.
+#[derive(Debug)]
+pub struct LdrobotDriver<'a> {
+    decoder: PacketDecoder,
+    base: SessionBase,
+    turns: TurnAssembler<'a>,
+    connected: bool,
+    streaming: bool,
+    latency: Duration,
+    stamps: StampUnwrapper,
+    offset: ClockOffset,
+    last_ms: i64,
+    damaged_before: u32,
+    packet_began: Instant,
+}
+
+impl<'a> LdrobotDriver<'a> {
+    /// A driver that waits for [`Input::Connected`].
+    ///
+    /// * `latency` — subtracted from every stamp; `beams` — [`BEAM_MEMORY`] of them
+    pub fn new(latency: Duration, beams: &'a mut [Beam]) -> Self {
+        Self {
+            decoder: PacketDecoder::default(),
+            base: SessionBase { rates: BaudRates::new([BAUD]), ..SessionBase::default() },
+            turns: TurnAssembler::new(beams),
+            connected: false,
+            streaming: false,
+            latency,
+            stamps: StampUnwrapper::new(STAMP_PERIOD_MS),
+            offset: ClockOffset::default(),
+            last_ms: 0,
+            damaged_before: 0,
+            packet_began: Instant::default(),
+        }
+    }
+
+    fn listen(&mut self, now: Instant) {
+        self.decoder.forget();
+        self.turns.forget();
+        self.stamps = StampUnwrapper::new(STAMP_PERIOD_MS);
+        self.offset = ClockOffset::default();
+        self.streaming = false;
+        self.base.set_rate();
+        self.base.patience = Patience::new(now, SILENCE, SILENCE);
+    }
+
+    fn take(&mut self, now: Instant, bytes: &[u8]) -> usize {
+        let mut taken = 0;
+        while self.base.outbox.is_empty() && self.connected {
+            let rest = bytes.get(taken..).unwrap_or(b"");
+            if rest.is_empty() {
+                return taken;
+            }
+            if !self.decoder.is_inside_packet() {
+                self.packet_began = now;
+            }
+            let (count, packet) = self.decoder.feed(rest);
+            taken += count;
+            if self.decoder.damaged() != self.damaged_before {
+                self.damaged_before = self.decoder.damaged();
+                self.turns.spoil();
+            }
+            if let Some(packet) = packet {
+                self.on_packet(now, &packet);
+            }
+        }
+        if self.connected { taken } else { bytes.len() }
+    }
+
+    fn on_packet(&mut self, now: Instant, packet: &Packet) {
+        let stamp_ms = match self.stamps.unwrap(u32::from(packet.stamp_ms)) {
+            Stamp::At(stamp_ms) => stamp_ms,
+            Stamp::Reset => return self.restart(now, Cause::Reset),
+            Stamp::Stuck => return self.restart(now, Cause::StuckClock),
+        };
+        if !self.streaming {
+            self.begin_streaming(packet);
+        } else if !(0..=MAX_STEP_MS).contains(&(stamp_ms - self.last_ms)) {
+            self.turns.spoil();
+        }
+        self.last_ms = stamp_ms;
+        self.base.patience = Patience::new(now, SILENCE, SILENCE);
+        let first_byte = Instant::from_micros(now.micros - wire_time(super::packet::PACKET, BAUD).micros);
+        let end = self.offset.stamp(self.packet_began.min(first_byte), stamp_ms, Duration::ZERO);
+        let each = each_sample(packet);
+        let samples = packet.points.iter().enumerate().map(|(index, point)| Sample {
+            clockwise_deg: packet.angle_deg(index),
+            at: sample_time(end, index, POINTS, each),
+            echo: echo(point.distance_mm),
+        });
+        if self.turns.add(samples) {
+            self.base.announce_scan();
+        }
+    }
+
+    fn begin_streaming(&mut self, packet: &Packet) {
+        self.streaming = true;
+        let period = Duration::from_micros(360_000_000 / i64::from(packet.speed_degps.max(1)));
+        self.base.identity = Identity {
+            model: heapless::String::try_from("LD06 or LD19").unwrap_or_default(),
+            angle_min_rad: -core::f32::consts::PI,
+            angle_max_rad: core::f32::consts::PI,
+            turn: period,
+            range_max_m: RANGE_MAX_M,
+            ..Identity::default()
+        };
+        self.base.found();
+        self.base.outbox.push(Pending::Identified);
+        self.base.outbox.push(Pending::Streaming(BAUD, period));
+    }
+
+    fn restart(&mut self, now: Instant, cause: Cause) {
+        let step = if self.streaming { Step::Stream } else { Step::Find };
+        self.base.begin_anew(now, step, cause, "");
+        self.listen(now);
+    }
+}
+
+/// Time from one sample to the next: the angle between them at the speed of turning.
+fn each_sample(packet: &Packet) -> Duration {
+    let step_deg = packet.span_deg() / (POINTS - 1) as f32;
+    Duration::from_micros((step_deg * 1e6 / f32::from(packet.speed_degps.max(1))) as i64)
+}
+
+/// What a distance says; 0 also stands for a weak return, so it frees nothing.
+fn echo(distance_mm: u16) -> Echo {
+    if distance_mm < DISTANCE_MIN_MM {
+        Echo::Invalid
+    } else {
+        Echo::from_range(f32::from(distance_mm) / 1000.0, RANGE_MAX_M)
+    }
+}
+
+impl LrfDriver for LdrobotDriver<'_> {
+    fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
+        match input {
+            Input::Bytes(bytes) => return self.take(now, bytes),
+            Input::Timeout if self.connected && self.base.patience.is_over(now) => {
+                let cause = if self.streaming { Cause::Silent } else { Cause::NoReply };
+                self.restart(now, cause);
+            }
+            Input::Timeout => {}
+            Input::Connected => {
+                self.connected = true;
+                self.base.back_off.reset();
+                self.listen(now);
+            }
+            Input::Disconnected if self.connected => {
+                self.connected = false;
+                self.base.unplugged();
+            }
+            Input::Disconnected => {}
+            Input::Stop => {
+                // It cannot be told to stop.
+                self.connected = false;
+                self.base.stopped(false);
+            }
+        }
+        0
+    }
+
+    fn poll_output(&mut self) -> Output<'_> {
+        self.base.poll_output(|| self.turns.scan(self.latency, RANGE_MAX_M))
+    }
+
+    fn counters(&self) -> Counters {
+        self.base.counters(self.decoder.damaged())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::driver::{Event, drain, run_bytes};
+    use crate::ldrobot::Point;
+
+    const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
+
+    /// Packet `index` of a sensor that turns ten times a second: 12 samples by 0.8 degrees.
+    fn packet(index: i64) -> [u8; 47] {
+        let cdeg = |sample: i64| ((index * 12 + sample) * 80 % 36_000) as u16;
+        let stamp_ms = ((index * 12 * 1_000_000 / 4500) / 1000 % STAMP_PERIOD_MS) as u16;
+        let points = core::array::from_fn(|sample| Point { distance_mm: 1000 + sample as u16, intensity: 200 });
+        Packet { speed_degps: 3600, start_cdeg: cdeg(0), points, end_cdeg: cdeg(11), stamp_ms }.emit()
+    }
+
+    /// Whole scans of two seconds, with packet `damaged` damaged.
+    fn run(damaged: Option<i64>) -> (u32, u32) {
+        let mut beams = [BLANK; BEAM_MEMORY];
+        let mut driver = LdrobotDriver::new(Duration::ZERO, &mut beams);
+        let _ = driver.handle_input(Instant::default(), Input::Connected);
+        drain(&mut driver, &mut |_| {});
+        let mut scans = 0;
+        for index in 0..750 {
+            let mut bytes = packet(index);
+            if damaged == Some(index) {
+                bytes[20] ^= 4;
+            }
+            let now = Instant::from_micros(index * 12 * 1_000_000 / 4500 + 3000);
+            run_bytes(&mut driver, now, &bytes, &mut |output| {
+                if let Output::Event(Event::Scan(scan)) = output {
+                    scans += 1;
+                    assert_eq!(scan.beams.len(), 450);
+                    let sweep = scan.beams[449].offset.micros;
+                    assert!((sweep - 99_800).abs() < 3000, "{sweep}");
+                    assert!(scan.beams.windows(2).all(|pair| pair[0].bearing_rad > pair[1].bearing_rad));
+                }
+            });
+        }
+        (scans, driver.counters().damaged)
+    }
+
+    #[test]
+    fn whole_turns_come_out() {
+        assert_eq!(run(None), (19, 0));
+    }
+
+    #[test]
+    fn damaged_packet_costs_its_turn() {
+        assert_eq!(run(Some(100)), (18, 1));
+    }
+
+    #[test]
+    fn silence_is_told() {
+        let mut beams = [BLANK; BEAM_MEMORY];
+        let mut driver = LdrobotDriver::new(Duration::ZERO, &mut beams);
+        let _ = driver.handle_input(Instant::default(), Input::Connected);
+        let deadline = drain(&mut driver, &mut |_| {});
+        let _ = driver.handle_input(deadline, Input::Timeout);
+        let mut said = std::string::String::new();
+        drain(&mut driver, &mut |output| {
+            if let Output::Event(Event::Trouble(trouble)) = output {
+                said = std::format!("{trouble}");
+            }
+        });
+        assert!(said.starts_with("finding the laser range finder: no reply at 230400 baud"), "{said}");
+    }
+}

@@ -1,0 +1,350 @@
+//! A session with an RPLIDAR: stop, find the rate, ask what it is and how it is, motor on, express scan.
+
+use super::decoder::{DecoderEvent, RplidarDecoder};
+use super::request::Request;
+use super::response::{Capsule, Health, Measured, ResponseKind, parse_sample};
+use crate::driver::{BaudRates, Cause, Counters, Input, LrfDriver, Output, Step};
+use crate::session::{Patience, Pending, SessionBase};
+use crate::turn::{Sample, TurnAssembler, sample_time};
+use identity::describe;
+use lrfslam_scan::time::{Duration, Instant};
+use lrfslam_scan::{Beam, Echo};
+
+mod identity;
+
+/// The beam memory to lend: a turn of the fastest model at its slowest speed.
+pub const BEAM_MEMORY: usize = 3300;
+/// A1 and most A2; A2M12 and A3; C1; S models (drivers).
+const RATES: [u32; 4] = [115_200, 256_000, 460_800, 1_000_000];
+/// Motor power of A2 and A3 that makers' drivers use, of 1023.
+const MOTOR_POWER: u16 = 660;
+/// Nothing farther is believed, m: A1 and A2 reach 12, C1 12, A3 25.
+const RANGE_MAX_M: f32 = 25.0;
+/// After a stop, what was under way still comes.
+const QUIET: Duration = Duration::from_millis(60);
+/// To an answer; to the first samples, for which the motor must turn steadily; between packets.
+const REPLY: Duration = Duration::from_millis(300);
+const SPIN_UP: Duration = Duration::from_millis(4000);
+const SILENCE: Duration = Duration::from_millis(1500);
+/// Damaged packets in a row after which the session begins anew.
+const MAX_BAD: u8 = 30;
+
+/// What to ask of the sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RplidarConfig {
+    /// The sensor's rate, bit/s, if it is known; 0 tries those of all models. It cannot be changed.
+    pub baud: u32,
+    /// Subtracted from every stamp.
+    pub latency: Duration,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    /// No port, or stopped.
+    Idle,
+    /// Waiting before the next look for the sensor.
+    BackOff,
+    /// Stop was sent: what is under way comes to an end.
+    Quiet,
+    AskInfo,
+    AskHealth,
+    AskExpress,
+    AskScan,
+    Streaming,
+    /// The last stop was sent.
+    Stopping,
+}
+
+/// Driver for RPLIDAR A1, A2, A3 and C1.
+#[derive(Debug)]
+pub struct RplidarDriver<'a> {
+    decoder: RplidarDecoder,
+    session: Session<'a>,
+}
+
+#[derive(Debug)]
+struct Session<'a> {
+    config: RplidarConfig,
+    base: SessionBase,
+    state: State,
+    attempts_left: u8,
+    /// A request was put out: the decoder is to look for its descriptor.
+    awaits_descriptor: bool,
+    bad_in_a_row: u8,
+    damaged_before: u32,
+    /// The packet before, and when its successor must have begun.
+    previous: Option<Capsule>,
+    previous_end: Instant,
+    turns: TurnAssembler<'a>,
+}
+
+impl<'a> RplidarDriver<'a> {
+    /// A driver that waits for [`Input::Connected`]; `beams`: [`BEAM_MEMORY`] of them.
+    pub fn new(config: RplidarConfig, beams: &'a mut [Beam]) -> Self {
+        let session = Session {
+            config,
+            base: SessionBase::default(),
+            state: State::Idle,
+            attempts_left: 0,
+            awaits_descriptor: false,
+            bad_in_a_row: 0,
+            damaged_before: 0,
+            previous: None,
+            previous_end: Instant::default(),
+            turns: TurnAssembler::new(beams),
+        };
+        Self { decoder: RplidarDecoder::default(), session }
+    }
+
+    fn take(&mut self, now: Instant, bytes: &[u8]) -> usize {
+        let mut taken = 0;
+        while self.session.base.outbox.is_empty() {
+            let rest = bytes.get(taken..).unwrap_or(b"");
+            let (count, event) = self.decoder.feed(rest);
+            taken += count;
+            let more = event.is_some();
+            match event {
+                Some(DecoderEvent::Descriptor(kind)) => self.session.on_descriptor(now, kind),
+                Some(DecoderEvent::Response(kind, bytes)) => self.session.on_response(now, kind, bytes),
+                Some(DecoderEvent::Capsule(capsule)) => self.session.on_capsule(now, capsule),
+                None => {}
+            }
+            self.after_input(now);
+            if !more && taken >= bytes.len() {
+                break;
+            }
+        }
+        taken
+    }
+
+    /// Takes over what the session wants of the decoder, and what the decoder found wrong.
+    fn after_input(&mut self, now: Instant) {
+        self.session.count_damaged(now, self.decoder.damaged());
+        if core::mem::take(&mut self.session.awaits_descriptor) {
+            self.decoder.expect_descriptor();
+        }
+    }
+}
+
+impl Session<'_> {
+    fn find(&mut self, now: Instant) {
+        let known = [self.base.last_good_baud, self.config.baud].into_iter();
+        let others = RATES.into_iter().filter(|_| self.config.baud == 0);
+        self.base.rates = BaudRates::new(known.chain(others));
+        self.base.rate_index = 0;
+        self.look(now);
+    }
+
+    /// Stops whatever runs at this rate, then listens until it is quiet.
+    fn look(&mut self, now: Instant) {
+        self.base.set_rate();
+        self.turns.forget();
+        self.previous = None;
+        self.base.outbox.transmit(&Request::Stop.emit());
+        self.enter(State::Quiet, now, QUIET);
+        self.awaits_descriptor = true;
+    }
+
+    fn enter(&mut self, state: State, now: Instant, wait: Duration) {
+        self.state = state;
+        self.base.patience = Patience::new(now, wait, wait);
+    }
+
+    fn ask(&mut self, now: Instant, state: State) {
+        self.attempts_left = 1;
+        self.state = state;
+        self.send(now);
+    }
+
+    fn send(&mut self, now: Instant) {
+        let request = match self.state {
+            State::AskInfo => Request::GetInfo,
+            State::AskHealth => Request::GetHealth,
+            State::AskExpress => Request::ExpressScan,
+            State::AskScan => Request::Scan,
+            _ => Request::Stop,
+        };
+        self.base.outbox.transmit(&request.emit());
+        self.awaits_descriptor = true;
+        self.base.patience = Patience::new(now, REPLY, REPLY);
+    }
+
+    fn on_timeout(&mut self, now: Instant) {
+        match self.state {
+            State::Idle => self.base.patience = Patience::FOREVER,
+            State::BackOff => self.find(now),
+            State::Quiet => self.ask(now, State::AskInfo),
+            State::Streaming => self.restart(now, Step::Stream, Cause::Silent, ""),
+            State::Stopping => self.stopped(true),
+            _ if self.attempts_left > 0 => {
+                self.attempts_left -= 1;
+                self.send(now);
+            }
+            State::AskInfo => {
+                self.base.rate_index += 1;
+                match self.base.rates.get(self.base.rate_index) {
+                    Some(_) => self.look(now),
+                    None => self.restart(now, Step::Find, Cause::NoReply, "request 50 (information)"),
+                }
+            }
+            State::AskHealth => self.restart(now, Step::Identify, Cause::NoReply, "request 52 (health)"),
+            // Old firmware has no express mode.
+            State::AskExpress => self.ask(now, State::AskScan),
+            State::AskScan => self.restart(now, Step::Start, Cause::NoReply, "request 20 (scan)"),
+        }
+    }
+
+    fn on_descriptor(&mut self, now: Instant, kind: ResponseKind) {
+        match (self.state, kind) {
+            (State::AskExpress, ResponseKind::Capsule | ResponseKind::DenseCapsule)
+            | (State::AskExpress | State::AskScan, ResponseKind::Sample) => {
+                self.bad_in_a_row = 0;
+                self.enter(State::Streaming, now, SPIN_UP);
+                self.base.outbox.push(Pending::Streaming(self.base.baud, self.base.identity.turn));
+            }
+            _ => {}
+        }
+    }
+
+    fn on_response(&mut self, now: Instant, kind: ResponseKind, bytes: &[u8]) {
+        match (self.state, kind) {
+            (State::AskInfo, ResponseKind::Info) => {
+                self.base.found();
+                self.base.identity = describe(bytes);
+                self.ask(now, State::AskHealth);
+            }
+            (State::AskHealth, ResponseKind::Health) => self.on_health(now, bytes),
+            (State::Streaming, ResponseKind::Sample) => {
+                if let Some((measured, _)) = parse_sample(bytes) {
+                    self.base.patience = Patience::new(now, SILENCE, SILENCE);
+                    self.publish(core::iter::once(sample(measured, now)));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn on_health(&mut self, now: Instant, bytes: &[u8]) {
+        let health = Health::parse(bytes).unwrap_or(Health { status: 2, code: 0 });
+        if health.status >= 2 {
+            // Only a reset leaves this state.
+            self.base.outbox.transmit(&Request::Reset.emit());
+            let [code, _] = health.code.to_le_bytes();
+            return self.restart(now, Step::Identify, Cause::HardwareFault([code.max(1), 0]), "request 52 (health)");
+        }
+        let state = if health.status == 0 { "well" } else { "warning" };
+        self.base.identity.state = heapless::String::try_from(state).unwrap_or_default();
+        self.base.outbox.push(Pending::Identified);
+        self.base.outbox.transmit(&Request::MotorPower(MOTOR_POWER).emit());
+        self.ask(now, State::AskExpress);
+    }
+
+    /// The samples of a packet lie between its start and that of the next.
+    fn on_capsule(&mut self, now: Instant, capsule: Capsule) {
+        if self.state != State::Streaming {
+            return;
+        }
+        self.bad_in_a_row = 0;
+        self.base.patience = Patience::new(now, SILENCE, SILENCE);
+        if capsule.starts() {
+            self.turns.forget();
+            self.previous = None;
+        }
+        if let Some(previous) = self.previous.replace(capsule.clone()) {
+            let measured = previous.samples(&capsule);
+            let count = measured.len();
+            let taken = now.since(self.previous_end).micros.clamp(0, 100_000);
+            let each = Duration::from_micros(taken / count.max(1) as i64);
+            // When a packet arrives, its last sample is as old as it; the samples read now are those of the one before.
+            let end = self.previous_end;
+            let samples = measured.into_iter().enumerate();
+            self.publish(samples.map(|(index, measured)| sample(measured, sample_time(end, index, count, each))));
+        }
+        self.previous_end = now;
+    }
+
+    fn publish(&mut self, samples: impl Iterator<Item = Sample>) {
+        if self.turns.add(samples) {
+            self.base.announce_scan();
+        }
+    }
+
+    fn count_damaged(&mut self, now: Instant, damaged: u32) {
+        if damaged == self.damaged_before {
+            return;
+        }
+        self.damaged_before = damaged;
+        if self.state == State::Streaming {
+            self.turns.spoil();
+            self.previous = None;
+            self.bad_in_a_row += 1;
+            if self.bad_in_a_row >= MAX_BAD {
+                self.restart(now, Step::Stream, Cause::Damaged, "");
+            }
+        }
+    }
+
+    fn on_stop(&mut self, now: Instant) {
+        if self.state == State::Idle {
+            return self.stopped(false);
+        }
+        // Neither is answered; the stop is said twice, for it may be damaged on its way.
+        self.base.outbox.transmit(&Request::Stop.emit());
+        self.base.outbox.transmit(&Request::MotorPower(0).emit());
+        self.base.outbox.transmit(&Request::Stop.emit());
+        self.enter(State::Stopping, now, QUIET);
+    }
+
+    fn stopped(&mut self, laser_off: bool) {
+        self.base.stopped(laser_off);
+        self.state = State::Idle;
+    }
+
+    fn on_disconnected(&mut self) {
+        if self.state != State::Idle {
+            self.base.unplugged();
+            self.state = State::Idle;
+        }
+    }
+
+    fn restart(&mut self, now: Instant, step: Step, cause: Cause, sent: &'static str) {
+        self.base.begin_anew(now, step, cause, sent);
+        self.state = State::BackOff;
+    }
+}
+
+fn sample(measured: Measured, at: Instant) -> Sample {
+    let range_m = measured.distance_mm / 1000.0;
+    // 0 is no measurement: it frees nothing.
+    Sample { clockwise_deg: measured.clockwise_deg, at, echo: Echo::from_range(range_m, RANGE_MAX_M) }
+}
+
+impl LrfDriver for RplidarDriver<'_> {
+    fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
+        match input {
+            Input::Bytes(bytes) => return self.take(now, bytes),
+            Input::Timeout if self.session.base.patience.is_over(now) => self.session.on_timeout(now),
+            Input::Timeout => {}
+            Input::Connected => {
+                self.session.base.back_off.reset();
+                self.session.find(now);
+            }
+            Input::Disconnected => self.session.on_disconnected(),
+            Input::Stop => self.session.on_stop(now),
+        }
+        self.after_input(now);
+        0
+    }
+
+    fn poll_output(&mut self) -> Output<'_> {
+        let session = &mut self.session;
+        session.base.poll_output(|| session.turns.scan(session.config.latency, RANGE_MAX_M))
+    }
+
+    fn counters(&self) -> Counters {
+        self.session.base.counters(self.decoder.damaged())
+    }
+}
+
+#[cfg(test)]
+mod tests;

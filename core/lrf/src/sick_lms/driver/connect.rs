@@ -1,0 +1,151 @@
+//! From an open port to a sensor that answers.
+
+use super::{Ask, Session, State};
+use crate::driver::{BaudPolicy, BaudRates, Cause, Step};
+use crate::session::{Patience, wire_time};
+use crate::sick_lms::reply::{DeviceStatus, ModeResult, Reply, ReplyBody};
+use crate::sick_lms::telegram::MAX_TELEGRAM;
+use lrfslam_scan::time::{Duration, Instant};
+
+/// Rates in the order of their likelihood: power-up, the fastest on RS-232, on RS-422, bit/s.
+pub const RATES: [u32; 4] = [9_600, 38_400, 500_000, 19_200];
+
+impl Session<'_> {
+    pub(super) fn on_connected(&mut self, now: Instant) {
+        self.raise_failures = 0;
+        self.setup_refused = false;
+        self.base.back_off.reset();
+        self.find(now);
+    }
+
+    pub(super) fn on_disconnected(&mut self) {
+        if self.state != State::Idle {
+            self.base.unplugged();
+            self.state = State::Idle;
+        }
+    }
+
+    /// Begins to look, at the rate most likely.
+    pub(super) fn find(&mut self, now: Instant) {
+        self.base.rates = match self.config.baud {
+            BaudPolicy::NoRate => BaudRates::default(),
+            policy => BaudRates::new([self.base.last_good_baud, policy.wanted()].into_iter().chain(RATES)),
+        };
+        self.base.rate_index = 0;
+        self.turns_refused = false;
+        self.variant_known = false;
+        self.fault_reported = false;
+        self.look(now);
+    }
+
+    fn look(&mut self, now: Instant) {
+        self.base.set_rate();
+        self.ask(now, Ask::Quiet);
+    }
+
+    fn try_next_rate(&mut self, now: Instant) {
+        self.base.rate_index += 1;
+        if self.base.rates.get(self.base.rate_index).is_some() {
+            self.look(now);
+        } else {
+            self.restart(now, Step::Find, Cause::NoReply, Ask::Quiet.text());
+        }
+    }
+
+    /// Bytes, perhaps of a long telegram: wait for its end. At a wrong rate there is no end of bytes, so there is a limit.
+    pub(super) fn on_bytes(&mut self, now: Instant, count: usize) {
+        self.noise = self.noise.saturating_add(count as u32);
+        if let State::Asking(_) = self.state {
+            self.base.patience.put_off(now, self.longest_telegram());
+        }
+    }
+
+    /// Time on the wire of the longest telegram, and a little.
+    pub(super) fn longest_telegram(&self) -> Duration {
+        Duration::from_micros(100_000 + wire_time(MAX_TELEGRAM, self.base.baud).micros)
+    }
+
+    /// The sensor took the request; a change of mode may take 3 s.
+    pub(super) fn on_ack(&mut self, now: Instant) {
+        if let State::Asking(_) = self.state {
+            // In garbage any byte may look like an ACK: the limit holds.
+            self.base.patience.put_off(now, Duration::from_millis(1000));
+        }
+    }
+
+    /// The sensor could not read the request: send it again at once.
+    pub(super) fn on_nak(&mut self, now: Instant) {
+        if let State::Asking(ask) = self.state
+            && ask != Ask::Quiet
+            && self.attempts_left > 0
+        {
+            self.attempts_left -= 1;
+            self.send(now, ask);
+        }
+    }
+
+    pub(super) fn on_reply(&mut self, now: Instant, ask: Ask, reply: &Reply<'_>, length: usize) {
+        match (ask, &reply.body) {
+            (_, ReplyBody::PowerOn(_)) => self.on_power_on(now, ask),
+            // The stream goes on for a while after it was stopped.
+            (Ask::StreamTurns | Ask::StreamAll, ReplyBody::Scan(_)) => {
+                self.begin_streaming(now);
+                self.on_stream(now, reply, length);
+            }
+            (Ask::Quiet | Ask::Stop, ReplyBody::Scan(_)) => self.on_late_scan(now),
+            (_, ReplyBody::Scan(_)) => {}
+            (Ask::Quiet, ReplyBody::Mode(_) | ReplyBody::Refused) => {
+                self.base.found();
+                self.ask(now, Ask::Type);
+            }
+            (Ask::Stop, ReplyBody::Mode(ModeResult::Done)) => self.stopped(true),
+            (_, ReplyBody::Refused) => self.on_refused(now, ask, Cause::Refused([0x92, 0])),
+            _ => self.on_setup_reply(now, ask, reply),
+        }
+    }
+
+    /// It streams, so the rate is right: a change of mode may take 3 s.
+    fn on_late_scan(&mut self, now: Instant) {
+        if !self.heard_scan {
+            self.heard_scan = true;
+            let wait = Duration::from_millis(3000);
+            self.base.patience = Patience::new(now, wait, wait);
+        }
+    }
+
+    /// It has just been switched on: whatever was set is gone.
+    fn on_power_on(&mut self, now: Instant, ask: Ask) {
+        match ask {
+            Ask::Quiet => self.send(now, ask),
+            Ask::Stop => self.stopped(true),
+            _ => self.restart(now, ask.step(), Cause::Reset, ""),
+        }
+    }
+
+    pub(super) fn on_no_reply(&mut self, now: Instant, ask: Ask) {
+        match ask {
+            Ask::Quiet => self.try_next_rate(now),
+            Ask::Rate | Ask::VerifyRate => {
+                self.raise_failures += 1;
+                self.restart(now, Step::RaiseBaud, Cause::NoReply, ask.text());
+            }
+            // Not every firmware knows these.
+            Ask::Type => self.ask(now, Ask::Status),
+            Ask::Status => self.ask(now, Ask::Config),
+            Ask::Config => self.after_config(now),
+            Ask::StreamTurns => self.without_turns(now),
+            Ask::Stop => self.stopped(false),
+            _ => self.restart(now, ask.step(), Cause::NoReply, ask.text()),
+        }
+    }
+
+    /// Reports a fault that a sensor states in its status byte, once.
+    pub(super) fn judge(&mut self, status: DeviceStatus) {
+        if status.severity() < 3 {
+            self.fault_reported = false;
+        } else if !self.fault_reported {
+            self.fault_reported = true;
+            self.base.warn(Step::Stream, Cause::HardwareFault([status.0, 0]), "");
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! From the first scan to the last.
+
+use super::{Ask, Session, State};
+use crate::driver::{Cause, Step};
+use crate::session::{Patience, Pending, wire_time};
+use crate::sick_lms::measurement::Measurement;
+use crate::sick_lms::reply::{Reply, ReplyBody};
+use crate::sick_lms::request::Variant;
+use crate::sick_lms::scan::TURN;
+use crate::sick_lms::telegram::OVERHEAD;
+use lrfslam_scan::time::{Duration, Instant};
+
+/// Damaged scans in a row after which the session begins anew.
+const MAX_BAD: u8 = 8;
+
+impl Session<'_> {
+    pub(super) fn begin_streaming(&mut self, now: Instant) {
+        self.state = State::Streaming;
+        self.bad_in_a_row = 0;
+        self.base.outbox.push(Pending::Streaming(self.base.baud, self.scan_period()));
+        self.watch(now, Duration::from_millis(1500));
+    }
+
+    pub(super) fn on_stream(&mut self, now: Instant, reply: &Reply<'_>, length: usize) {
+        match &reply.body {
+            ReplyBody::Scan(measurement) => {
+                self.judge(reply.status);
+                self.on_scan(now, measurement, length);
+            }
+            ReplyBody::PowerOn(_) | ReplyBody::Reset => self.restart(now, Step::Stream, Cause::Reset, ""),
+            _ => {}
+        }
+    }
+
+    fn on_scan(&mut self, now: Instant, measurement: &Measurement<'_>, length: usize) {
+        // A sensor that did not say its field of view shows it: each has another number of values.
+        if let Some(variant) = Variant::with_values(measurement.len()).filter(|_| !self.variant_known) {
+            self.variant = variant;
+        }
+        let Some(layout) = self.layout() else {
+            return;
+        };
+        let Ok(shape) = layout.read(measurement, self.beams) else {
+            return self.refuse(now);
+        };
+        // Both are no earlier than the truth: reading late makes the first late, reading in pieces the second.
+        let first_byte = Instant::from_micros(now.micros - wire_time(length + OVERHEAD, self.base.baud).micros);
+        let left = self.telegram_began.min(first_byte);
+        self.scan_stamp = Instant::from_micros(left.micros - shape.sweep.micros - self.config.latency.micros);
+        self.scan_len = shape.beams;
+        self.range_max_m = shape.range_max_m;
+        self.base.announce_scan();
+        self.bad_in_a_row = 0;
+        self.watch(now, Duration::from_millis(500));
+    }
+
+    /// A telegram whose sum is right, but whose content is not what was asked for.
+    pub(super) fn refuse(&mut self, now: Instant) {
+        self.base.counters.damaged = self.base.counters.damaged.saturating_add(1);
+        self.bad(now);
+    }
+
+    /// Takes note of telegrams that the decoder found damaged.
+    pub(super) fn count_damaged(&mut self, now: Instant, damaged: u32) {
+        let new = damaged.wrapping_sub(self.damaged_before);
+        self.damaged_before = damaged;
+        if new > 0 && self.state == State::Streaming {
+            self.bad(now);
+        }
+    }
+
+    fn bad(&mut self, now: Instant) {
+        self.bad_in_a_row = self.bad_in_a_row.saturating_add(1);
+        if self.bad_in_a_row >= MAX_BAD && self.state == State::Streaming {
+            self.restart(now, Step::Stream, Cause::Damaged, "");
+        }
+    }
+
+    pub(super) fn streams_turns(&self) -> bool {
+        self.config.each_turn && self.variant.turns() > 1 && !self.turns_refused
+    }
+
+    /// From one scan to the next: whole mirror turns, as many as the line needs.
+    fn scan_period(&self) -> Duration {
+        let (values, turns) = match self.streams_turns() {
+            true => (self.variant.values_of_turn(0), 1),
+            false => (self.variant.values(), i64::from(self.variant.turns())),
+        };
+        let wire = wire_time(2 * usize::from(values) + 4 + OVERHEAD, self.base.baud).micros;
+        let unit = TURN.micros * turns;
+        Duration::from_micros((wire / unit + 1) * unit)
+    }
+
+    /// The next scan is due: three may be damaged before it is called silence.
+    fn watch(&mut self, now: Instant, allowance: Duration) {
+        let wait = Duration::from_micros(4 * self.scan_period().micros + allowance.micros);
+        self.base.patience = Patience::new(now, wait, wait);
+    }
+
+    pub(super) fn on_stop(&mut self, now: Instant) {
+        match self.state {
+            State::Idle => self.stopped(false),
+            State::Asking(Ask::Stop) => {}
+            _ => self.ask(now, Ask::Stop),
+        }
+    }
+
+    pub(super) fn stopped(&mut self, laser_off: bool) {
+        self.base.stopped(laser_off);
+        self.state = State::Idle;
+    }
+}

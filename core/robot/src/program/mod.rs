@@ -1,0 +1,16 @@
+//! What the robot does with bytes and time: see the [crate](crate).
+
+mod fit;
+mod laser;
+mod machine;
+mod mapping;
+mod paging;
+mod pools;
+mod report;
+mod requests;
+mod sweep_report;
+
+pub use fit::Misfit;
+pub use machine::{Input, Ports, Robot};
+pub use mapping::{Mapped, Mapping, MappingError, MappingMemory};
+pub use pools::{CompactPools, LargePools, RobotMemory, RobotPools, StandardPools, TILE_SIDE};
