@@ -12,7 +12,7 @@ use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::matcher::{MatcherConfig, Prediction, ScanMatcher, SearchConfig};
 use lrfslam_core::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtTile};
 use lrfslam_core::sweep::Sweep;
-use lrfslam_host::log::{LogOptions, LogReader};
+use lrfslam_host::scans::log::{LogOptions, LogReader};
 use rand_core::SeedableRng as _;
 use rand_pcg::Pcg32;
 

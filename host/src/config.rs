@@ -24,11 +24,12 @@ use lrfslam_core::time::Duration;
 use lrfslam_robot::{LaserConfig, ReportConfig, RobotConfig};
 use serde::{Deserialize, Serialize};
 
-use crate::high_slam::{ClosureConfig, HighConfig, HighConfigs, HighParticlesConfig, SegmentConfig};
 use crate::localize::LocalizeConfig;
-use crate::log::LogOptions;
-use crate::mapper::MemoryConfig;
-use crate::occupancy_map::MapConfig;
+use crate::mapping::MemoryConfig;
+use crate::mapping::high::{HighConfig, HighConfigs, HighParticlesConfig, SegmentConfig};
+use crate::maps::occupancy::MapConfig;
+use crate::places::ClosureConfig;
+use crate::scans::log::LogOptions;
 
 lrfslam_core::config! {
     /// How the log is read.

@@ -5,34 +5,17 @@
 //! compares a trajectory with ground truth.
 #![forbid(unsafe_code)]
 
-pub mod calibration;
-pub mod cli;
-pub mod cloud;
 pub mod config;
-pub mod driver;
-pub mod evaluation;
-#[cfg(feature = "experiments")]
-pub mod experiment;
-pub mod genealogy;
-pub mod high_slam;
-pub mod link;
-pub mod live;
+pub mod input;
 pub mod localize;
-pub mod localize_run;
-pub mod log;
-pub mod map_io;
-pub mod map_run;
-pub mod mapper;
-pub mod occupancy_map;
+pub mod mapping;
+pub mod maps;
 pub mod output;
-pub mod picture;
+pub mod places;
 pub mod pose_f64;
-pub mod recording;
+pub mod program;
+pub mod results;
 pub mod robot;
-pub mod run_report;
-pub mod saved_map;
-pub mod scan_store;
-pub mod step_table;
-pub mod table;
-pub mod text_input;
+pub mod runs;
+pub mod scans;
 pub mod trajectory;

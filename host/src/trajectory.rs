@@ -12,11 +12,11 @@ use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::Instant;
 
-use crate::log::LogScan;
+use crate::input::table::{TableError, read_table};
+use crate::input::text::{FieldFault, Words, fault};
 use crate::output::PendingFile;
 use crate::pose_f64::PoseF64;
-use crate::table::{TableError, read_table};
-use crate::text_input::{FieldFault, Words, fault};
+use crate::scans::log::LogScan;
 
 /// Where the robot was, and when.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -155,7 +155,8 @@ mod tests {
     fn scans_find_their_poses_in_a_sorted_trajectory() {
         let log = [30, 10, 30, 20].map(|s| format!("FLASER 1 {s} 0 0 0 0 0 0 {s} host {s}\n")).concat();
         let log = std::io::Cursor::new(log.into_bytes());
-        let scans = crate::log::LogReader::from_reader("a.log", log, crate::log::LogOptions::default()).unwrap();
+        let scans =
+            crate::scans::log::LogReader::from_reader("a.log", log, crate::scans::log::LogOptions::default()).unwrap();
         let scans: Vec<LogScan> = scans.collect::<Result<_, _>>().unwrap();
         let poses = [pose(10_000_000, 1.0), pose(20_000_000, 2.0), pose(30_000_000, 3.0)];
         let (kept, found) = with_poses(scans.clone(), &poses);

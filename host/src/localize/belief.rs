@@ -4,8 +4,8 @@ use lrfslam_core::geometry::Pose2;
 use nalgebra::{Matrix3, Vector3};
 
 use super::LocalizeConfig;
-use crate::high_slam::SegmentConfig;
-use crate::high_slam::submap::Agreement;
+use crate::mapping::high::SegmentConfig;
+use crate::places::submap::Agreement;
 
 /// Log odds do not go farther than this: no number of scans makes a place surer than 99.3 %, and none less sure than the opposite.
 const LOG_ODDS_MAX: f32 = 5.0;

@@ -15,10 +15,10 @@ use rand_pcg::Pcg32;
 use super::tracker::way_m;
 use super::{KnownMap, LocalizeConfig};
 use crate::config::RunConfig;
-use crate::high_slam::ClosureConfig;
-use crate::high_slam::closing::{Closer, Effort};
-use crate::high_slam::submap::Submap;
-use crate::scan_store::ScanStore;
+use crate::places::ClosureConfig;
+use crate::places::closing::{Closer, Effort};
+use crate::places::submap::Submap;
+use crate::scans::store::ScanStore;
 
 /// Scans of the submap are so far apart, by way, m.
 const SCANS_APART_M: f32 = 0.1;

@@ -3,11 +3,11 @@
 use lrfslam_core::geometry::{Point2, Pose2};
 
 use crate::config::RunConfig;
-use crate::high_slam::correlation::{CorrelationGrid, SearchWindow};
-use crate::high_slam::submap::Submap;
-use crate::high_slam::{HighSlam, SavedPathError};
-use crate::occupancy_map::OccupancyMap;
-use crate::saved_map::SavedMap;
+use crate::mapping::high::{HighSlam, SavedPathError};
+use crate::mapping::saved_map::SavedMap;
+use crate::maps::occupancy::OccupancyMap;
+use crate::places::correlation::{CorrelationGrid, SearchWindow};
+use crate::places::submap::Submap;
 
 /// Scans so far apart, m, or so far turned, rad, tell where the walls are.
 const WALLS_APART: (f32, f32) = (0.2, 0.1);

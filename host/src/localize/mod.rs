@@ -21,7 +21,7 @@ pub use start::{ScansAhead, StartFit, StartJudge};
 use self::finder::Finder;
 use self::tracker::Tracker;
 use crate::config::RunConfig;
-use crate::mapper::MapperMemory;
+use crate::mapping::MapperMemory;
 
 lrfslam_core::config! {
     /// Localisation in a saved map.

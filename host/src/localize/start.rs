@@ -9,7 +9,7 @@ use super::finder::Finder;
 use super::tracker::{Tracker, way_m};
 use super::{KnownMap, LocalizerMemory};
 use crate::config::RunConfig;
-use crate::log::LogScan;
+use crate::scans::log::LogScan;
 
 /// A robot is searched for along so much of its way, m; then the log is of another place.
 const SEARCH_WAY_M: f32 = 60.0;

@@ -11,8 +11,8 @@ use rand_pcg::Pcg32;
 use super::belief::Belief;
 use super::{KnownMap, LocalizeConfig, Located};
 use crate::config::RunConfig;
-use crate::high_slam::SegmentConfig;
-use crate::high_slam::submap::Agreement;
+use crate::mapping::high::SegmentConfig;
+use crate::places::submap::Agreement;
 
 /// The matcher's map is drawn from scans so far apart, m, or so far turned, rad.
 const REFERENCE_APART: (f32, f32) = (0.05, 0.035);

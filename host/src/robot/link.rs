@@ -6,8 +6,8 @@ use std::time::Duration as WallDuration;
 use lrfslam_robot::wire::frame::MAX_FRAME;
 
 use super::client::{RobotClient, RobotEvent};
-use crate::driver::HostClock;
-use crate::link::{Address, Link};
+use crate::scans::driver::HostClock;
+use crate::scans::link::{Address, Link};
 
 /// How long to wait before a port that is gone is opened again.
 const REOPEN: WallDuration = WallDuration::from_millis(300);

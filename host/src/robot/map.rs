@@ -9,11 +9,11 @@ use lrfslam_robot::wire::message::{Capacities, FromRobot, ScanPose, Segment, Til
 
 use super::client::fitted;
 use super::render::render;
-use crate::high_slam::Correction;
-use crate::map_run::LowLevel;
-use crate::mapper::MatchCounts;
-use crate::occupancy_map::{MapConfig, OccupancyMap};
-use crate::scan_store::ScanStore;
+use crate::mapping::Correction;
+use crate::mapping::LowLevel;
+use crate::mapping::MatchCounts;
+use crate::maps::occupancy::{MapConfig, OccupancyMap};
+use crate::scans::store::ScanStore;
 use crate::trajectory::TimedPose;
 
 /// Tiles by column and row.

@@ -8,12 +8,10 @@ mod journal;
 mod link;
 mod map;
 mod render;
-mod run;
 mod sweeps;
 
 pub use client::{ClientMemory, Recall, RobotClient, RobotEvent, Told};
 pub use journal::{JOURNAL, Journal};
 pub use link::{LinkEvent, RobotLink};
 pub use map::{RobotMap, Tiles};
-pub use run::RobotRun;
 pub use sweeps::{Sweeps, ToldSweep};

@@ -13,8 +13,8 @@ use lrfslam_core::rays::Ray;
 use lrfslam_robot::{RobotConfig, TILE_SIDE};
 
 use super::map::Tiles;
-use crate::high_slam::Correction;
-use crate::scan_store::ScanStore;
+use crate::mapping::Correction;
+use crate::scans::store::ScanStore;
 
 /// Tiles of a map of 200 m by 200 m in squares of 0.1 m, all of it seen.
 const TILES: usize = 65_536;

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use anyhow::{Context as _, ensure};
 use lrfslam_core::scan::RangeScan;
 use lrfslam_host::config::RunConfig;
-use lrfslam_host::log::LogScan;
+use lrfslam_host::scans::log::LogScan;
 use lrfslam_robot::{CompactPools, Mapping, RobotConfig, StandardPools};
 use lrfslam_tests::mcu::Mcu;
 

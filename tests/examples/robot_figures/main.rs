@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use clap::{Parser, Subcommand};
 use lrfslam_core::geometry::Pose2;
 use lrfslam_host::config::RunConfig;
-use lrfslam_host::log::{LogReader, LogScan};
+use lrfslam_host::scans::log::{LogReader, LogScan};
 use lrfslam_robot::{Mapping, RobotConfig};
 use lrfslam_tests::robot_rig::Tally;
 

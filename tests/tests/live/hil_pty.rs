@@ -16,9 +16,9 @@ use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
 use lrfslam_firmware_sim::virtual_lrf::{Emission, VirtualLrf};
-use lrfslam_host::driver::{LrfFamily, LrfOptions};
-use lrfslam_host::live::{Item, LiveLaser, ScanSource, SourceReport, for_each_scan};
-use lrfslam_host::recording::RecordPlan;
+use lrfslam_host::scans::family::{LrfFamily, LrfOptions};
+use lrfslam_host::scans::live::{Item, LiveLaser, ScanSource, SourceReport, for_each_scan};
+use lrfslam_host::scans::recording::RecordPlan;
 use lrfslam_tests::oracle::{self, Seen};
 
 /// A device whose scans are noted as they leave.

@@ -5,11 +5,11 @@ use lrfslam_firmware_sim::log::{LogFiles, LogPlan, Pace, write_log};
 use lrfslam_firmware_sim::lrf_model::{LrfErrors, LrfModel};
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_host::config::{Closing, RunConfig};
-use lrfslam_host::evaluation::{TruthReport, evaluate_truth};
-use lrfslam_host::high_slam::HighCounts;
-use lrfslam_host::log::{LogOptions, LogReader, LogScan};
-use lrfslam_host::map_run::{MapRun, RunMemory};
+use lrfslam_host::mapping::high::HighCounts;
+use lrfslam_host::runs::map::{MapRun, RunMemory};
+use lrfslam_host::scans::log::{LogOptions, LogReader, LogScan};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
+use lrfslam_lab::evaluation::{TruthReport, evaluate_truth};
 
 /// Once round the loop and 18 m on, with a laser noisy enough for the low level to drift by half a metre.
 fn drive() -> (Vec<LogScan>, Vec<TimedPose>) {

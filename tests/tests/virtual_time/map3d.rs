@@ -8,11 +8,11 @@ use lrfslam_firmware_sim::log::{LogFiles, LogPlan, Pace, write_log};
 use lrfslam_firmware_sim::lrf_model::LrfModel;
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::world::Vector;
-use lrfslam_host::cloud::{Cloud, EdgeFilter, Projection, TiltMounting, Track, planar, read_tilt};
-use lrfslam_host::experiment::{CloudError, judge_cloud, read_surfaces};
-use lrfslam_host::log::{LogOptions, LogReader};
+use lrfslam_host::maps::cloud::{Cloud, EdgeFilter, Projection, TiltMounting, Track, planar, read_tilt};
 use lrfslam_host::pose_f64::PoseF64;
+use lrfslam_host::scans::log::{LogOptions, LogReader};
 use lrfslam_host::trajectory::read_trajectory;
+use lrfslam_lab::experiment::{CloudError, judge_cloud, read_surfaces};
 use nalgebra::{Isometry3, Point3};
 
 const WORLD: &str = include_str!("../../../examples/tilting.toml");

@@ -1,0 +1,177 @@
+//! What the commands with a laser share: its arguments, ctrl-C, and words on the way.
+
+use std::io::Write as _;
+use std::sync::Once;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context as _;
+use clap::builder::PossibleValue;
+use clap::{Args, ValueEnum};
+use lrfslam_lrf::sick_lms::Variant;
+
+use super::Failure;
+use super::shared::{LRF, PORT, SECONDS};
+use lrfslam_host::scans::family::{LrfFamily, LrfOptions};
+use lrfslam_host::scans::link::Address;
+use lrfslam_host::scans::live::{LiveLaser, NoLaser};
+
+/// `--lrf`: a family, or none, which is to be found out.
+#[derive(Debug, Clone, Copy)]
+struct LrfChoice(Option<LrfFamily>);
+
+impl ValueEnum for LrfChoice {
+    fn value_variants<'a>() -> &'a [Self] {
+        const CHOICES: [LrfChoice; LrfFamily::ALL.len() + 1] = {
+            let mut choices = [LrfChoice(None); LrfFamily::ALL.len() + 1];
+            let mut i = 0;
+            while i < LrfFamily::ALL.len() {
+                choices[i] = LrfChoice(Some(LrfFamily::ALL[i]));
+                i += 1;
+            }
+            choices
+        };
+        &CHOICES
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let auto = || PossibleValue::new("auto").help("Found out, with its rate, within 30 s; it is said which it is");
+        let known = |family: LrfFamily| PossibleValue::new(family.names().flag).help(family.names().models);
+        Some(self.0.map_or_else(auto, known))
+    }
+}
+
+/// Which laser, and how it is reached.
+#[derive(Debug, Args)]
+pub(super) struct LaserArgs {
+    #[arg(long, value_enum, help = LRF)]
+    lrf: LrfChoice,
+    #[arg(long, value_name = "DEV", help = PORT)]
+    port: Address,
+    /// Rate to change to, bit/s; auto finds the sensor's, and raises a slow one to what every port can.
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = parse_baud)]
+    baud: u32,
+    /// SICK: field of view and resolution in degrees, such as 180/0.5 [default: as it is].
+    #[arg(long, value_name = "VIEW/STEP", value_parser = parse_variant)]
+    variant: Option<(u16, u16)>,
+    /// SICK below 1 degree: whole, interlaced scans instead of one scan per mirror turn.
+    #[arg(long)]
+    whole_scans: bool,
+    /// Hokuyo: merge so many neighbouring steps into one beam.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=99))]
+    cluster: u8,
+    /// Known delay of the link, subtracted from every time stamp, milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 0.0)]
+    latency: f64,
+    /// Wait for the laser as long as it takes.
+    ///
+    /// Otherwise a port that cannot be opened is given up after 10 s, and so is a laser that does not answer; before that it is
+    /// found out whether another one is there, up to 20 s in all, and a SICK, which boots for 15 s, is asked for 10 s more. One
+    /// that answers must scan within 20 s. After the first scan a laser is always waited for.
+    #[arg(long)]
+    wait: bool,
+}
+
+/// When a live run ends by itself.
+#[derive(Debug, Clone, Copy, Args)]
+pub(super) struct EndArgs {
+    /// End after so many scans.
+    #[arg(long, value_name = "N")]
+    scans: Option<usize>,
+    #[arg(long, value_name = "S", help = SECONDS)]
+    seconds: Option<f64>,
+}
+
+impl EndArgs {
+    /// It ends by itself.
+    pub(super) fn has_end(self) -> bool {
+        self.scans.is_some() || self.seconds.is_some()
+    }
+
+    /// So many scans over so many seconds are enough.
+    pub(super) fn is_reached(self, scans: usize, seconds: f64) -> bool {
+        self.scans.is_some_and(|enough| scans >= enough) || self.seconds.is_some_and(|enough| seconds >= enough)
+    }
+}
+
+pub(super) fn parse_baud(text: &str) -> Result<u32, String> {
+    if text == "auto" {
+        return Ok(0);
+    }
+    let rate = text.parse().ok().filter(|rate| (9_600..=3_000_000).contains(rate));
+    rate.ok_or_else(|| "expected auto, or a rate such as 38400".to_owned())
+}
+
+fn parse_variant(text: &str) -> Result<(u16, u16), String> {
+    let expected = "expected 180/1, 180/0.5, 100/1, 100/0.5 or 100/0.25";
+    let (view, step) = text.split_once('/').ok_or(expected)?;
+    let angle_deg = view.parse().map_err(|_| expected)?;
+    let step: f64 = step.parse().map_err(|_| expected)?;
+    let variant = Variant { angle_deg, resolution_cdeg: (step * 100.0).round() as u16 };
+    if variant.is_possible() { Ok((variant.angle_deg, variant.resolution_cdeg)) } else { Err(expected.to_owned()) }
+}
+
+impl LaserArgs {
+    /// The laser that is meant; not recorded.
+    pub(super) fn live(&self) -> anyhow::Result<LiveLaser> {
+        if self.lrf.0 == Some(LrfFamily::SickLms2xx) {
+            anyhow::ensure!(
+                self.port.has_baud(),
+                "a SICK LMS2xx cannot be reached over TCP: its rate must be changed, and a serial-to-network converter keeps its \
+                 own; connect it to a serial port"
+            );
+            let known = [0, 9_600, 19_200, 38_400, 500_000];
+            anyhow::ensure!(known.contains(&self.baud), "a SICK LMS2xx has 9600, 19200, 38400 and 500000 baud");
+        }
+        let any_family = self.lrf.0.is_none();
+        anyhow::ensure!(!any_family || self.baud == 0, "--lrf auto finds the rate itself: --baud needs a laser's name");
+        let options = LrfOptions {
+            baud: self.baud,
+            has_baud: self.port.has_baud(),
+            variant: self.variant,
+            whole_scans: self.whole_scans,
+            cluster: self.cluster,
+            latency_us: (self.latency * 1000.0) as i64,
+            ..LrfOptions::new(self.lrf.0.unwrap_or(LrfFamily::Hokuyo))
+        };
+        Ok(LiveLaser { any_family, waits: self.wait, ..LiveLaser::new(self.port.clone(), options) })
+    }
+}
+
+/// A source of scans that ended with an error: a laser that is not there is a fault on the way, the rest is wrong from the start.
+pub(super) fn source_failure(error: anyhow::Error) -> Failure {
+    if error.is::<NoLaser>() { Failure::Work(error) } else { Failure::Start(error) }
+}
+
+/// A flag that ctrl-C sets; a second one ends the program at once, whose results are whole at any moment.
+pub fn interrupt_flag() -> anyhow::Result<&'static AtomicBool> {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    static ONCE: Once = Once::new();
+    let mut caught = Ok(());
+    let stop = || {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    };
+    ONCE.call_once(|| caught = ctrlc::set_handler(stop));
+    caught.context("ctrl-C cannot be caught")?;
+    Ok(&STOP)
+}
+
+/// Words for the user, on standard error; with that closed there is nobody left to tell.
+pub(super) fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wrong_arguments_are_refused_in_words() {
+        assert_eq!(parse_baud("auto"), Ok(0));
+        assert_eq!(parse_baud("38400"), Ok(38_400));
+        assert!(parse_baud("fast").is_err() && parse_baud("12").is_err());
+        assert_eq!(parse_variant("100/0.25"), Ok((100, 25)));
+        assert!(parse_variant("180/0.25").is_err() && parse_variant("180").is_err());
+    }
+}

@@ -1,0 +1,181 @@
+//! The command line: raw arguments become checked ones in one place per sub-command, and every fault an exit code.
+//!
+//! A reader of our output that goes away (`| head`) is no fault.
+
+mod attach;
+mod calibrate;
+mod cloud;
+mod cloud_summary;
+mod completions;
+mod config;
+mod continuing;
+pub mod demo;
+mod eval;
+#[cfg(feature = "experiments")]
+mod experiment;
+#[cfg(not(feature = "experiments"))]
+#[path = "no_experiment.rs"]
+mod experiment;
+#[cfg(feature = "experiments")]
+mod experiment_starts;
+#[cfg(feature = "experiments")]
+mod experiment_sweep;
+mod laser;
+mod live_scans;
+mod localize;
+mod lrf;
+mod man;
+mod map;
+mod out;
+mod particles;
+mod replay;
+mod run;
+mod shared;
+mod summary;
+
+pub use self::laser::interrupt_flag;
+pub use self::out::{OutArgs, SaveArgs};
+pub use self::shared::{ConfigArgs, JsonArgs, SeedArgs, TellArgs};
+
+use std::ffi::OsString;
+use std::io::{self, ErrorKind, Write};
+use std::process::ExitCode;
+
+use clap::{CommandFactory as _, Parser, Subcommand};
+use lrfslam_host::program::Program;
+
+/// Laser SLAM without odometry.
+///
+/// Turns a recorded laser log into a map and the robot's path.
+#[derive(Debug, Parser)]
+#[command(name = "lrfslam", version = Program::DESCRIBED, about, after_help = EXIT_CODES, max_term_width = 100, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Map(map::MapArgs),
+    Localize(localize::LocalizeArgs),
+    Eval(eval::EvalArgs),
+    Cloud(cloud::CloudArgs),
+    Run(run::RunArgs),
+    Replay(replay::ReplayArgs),
+    Attach(Box<attach::AttachArgs>),
+    Lrf(lrf::LrfArgs),
+    Calibrate(calibrate::CalibrateArgs),
+    Config(config::PrintArgs),
+    #[cfg_attr(
+        not(feature = "demo"),
+        command(about = "Show everything at once, by a simulated robot (not in this build)")
+    )]
+    Demo(demo::DemoArgs),
+    Experiment(experiment::ExperimentArgs),
+    Completions(completions::CompletionsArgs),
+    Man(man::ManArgs),
+}
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    done
+  1    a fault on the way: what was earned until then is written, and said to be partial
+  2    wrong usage, or input that is wrong from the start: nothing was done
+  3    done, but the robot was not found in the map (localize, map --continue)
+  130  ended early by ctrl-C: what was earned until then is written, and said to be partial
+Ctrl-C is how run, attach and demo end: with 0. Pressed twice, it ends every command at once.";
+
+/// Why a command did not end well.
+#[derive(Debug)]
+pub enum Failure {
+    /// Wrong from the start: nothing was done.
+    Start(anyhow::Error),
+    /// On the way.
+    Work(anyhow::Error),
+    /// The robot was not found in the map.
+    NotFound(anyhow::Error),
+    /// The user did not wait for the end.
+    Interrupted(anyhow::Error),
+}
+
+impl Failure {
+    /// A fault from the start.
+    pub fn start(error: impl Into<anyhow::Error>) -> Self {
+        Self::Start(error.into())
+    }
+
+    /// A fault on the way.
+    pub fn work(error: impl Into<anyhow::Error>) -> Self {
+        Self::Work(error.into())
+    }
+}
+
+/// A command that was left out of this build, and how to get it.
+pub fn not_built_in(what: &str, feature: &str) -> Failure {
+    Failure::Start(anyhow::anyhow!(
+        "this build has no {what}: build it with the feature, as by `cargo install --path host/app --features {feature}`"
+    ))
+}
+
+/// The whole command line, as help, completions and manual pages have it.
+pub fn command() -> clap::Command {
+    Cli::command()
+}
+
+/// Runs the program with `args` (the first is its name) and says how it ended.
+pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let cli = match Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version go to stdout with code 0, faults to stderr with code 2; a closed pipe is no fault.
+            let _ = error.print();
+            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+        }
+    };
+    let done = match &cli.command {
+        Command::Map(args) => map::run(args),
+        Command::Localize(args) => localize::run(args),
+        Command::Eval(args) => eval::run(args),
+        Command::Cloud(args) => cloud::run(args),
+        Command::Run(args) => run::run(args),
+        Command::Replay(args) => replay::run(args),
+        Command::Attach(args) => attach::run(args),
+        Command::Lrf(args) => lrf::run(args),
+        Command::Calibrate(args) => calibrate::run(args),
+        Command::Config(args) => config::run(args),
+        Command::Demo(args) => crate::demo::run(args).and_then(|text| print(&text)),
+        Command::Experiment(args) => experiment::run(args),
+        Command::Completions(args) => completions::run(args),
+        Command::Man(args) => man::run(args),
+    };
+    let (error, code) = match done {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Failure::Start(error)) => (error, 2),
+        Err(Failure::Work(error)) => (error, 1),
+        Err(Failure::NotFound(error)) => (error, 3),
+        Err(Failure::Interrupted(error)) => (error, 130),
+    };
+    // With stderr closed too there is nobody left to tell.
+    let _ = writeln!(io::stderr(), "lrfslam: {}", in_one_line(&error));
+    ExitCode::from(code)
+}
+
+/// The error and its causes, but no cause that an outer message has quoted already.
+fn in_one_line(error: &anyhow::Error) -> String {
+    error.chain().fold(String::new(), |text, cause| match cause.to_string() {
+        cause if text.contains(&cause) => text,
+        cause if text.is_empty() => cause,
+        cause => format!("{text}: {cause}"),
+    })
+}
+
+/// Writes `text` to stdout; a reader that has gone away is no fault.
+fn print(text: &str) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(Failure::work(anyhow::Error::new(error).context("standard output cannot be written")))
+        }
+        _ => Ok(()),
+    }
+}

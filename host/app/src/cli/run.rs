@@ -1,0 +1,51 @@
+//! `lrfslam run`: live from a laser.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::Failure;
+use super::laser::{LaserArgs, interrupt_flag};
+use super::live_scans::{Mapping, map_live};
+use lrfslam_host::output::{RECORDING, ResultFolder};
+use lrfslam_host::scans::live::{LiveLaser, ScanSource};
+use lrfslam_host::scans::recording::RecordPlan;
+
+/// Map live from a laser range finder until ctrl-C, which stops the laser and writes the map.
+#[derive(Debug, Args)]
+pub(super) struct RunArgs {
+    #[command(flatten)]
+    laser: LaserArgs,
+    /// Record every byte, both ways, with its time, to this file [default: laser.rec among the results]; lrfslam replay runs it
+    /// again.
+    #[arg(long, value_name = "FILE", conflicts_with = "no_record")]
+    record: Option<PathBuf>,
+    /// Record nothing.
+    #[arg(long)]
+    no_record: bool,
+    /// Largest recording, megabytes (an hour of a SICK at 38400 baud fills 15, of a UTM-30LX 500); a full one ends, and the run goes on.
+    #[arg(long, value_name = "MB", default_value_t = 2000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    record_max: u64,
+    #[command(flatten)]
+    mapping: Mapping,
+}
+
+impl RunArgs {
+    fn record(&self, folder: &ResultFolder) -> Option<RecordPlan> {
+        if self.no_record {
+            return None;
+        }
+        let path = self.record.clone().unwrap_or_else(|| folder.growing(RECORDING));
+        self.mapping.tell_where(&path, folder);
+        let (max_bytes, overwrite) = (self.record_max * 1_000_000, self.mapping.overwrites());
+        Some(RecordPlan { max_bytes, overwrite, ..RecordPlan::new(path) })
+    }
+}
+
+pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
+    let stop = interrupt_flag().map_err(Failure::Start)?;
+    let laser = args.laser.live().map_err(Failure::Start)?;
+    let name = laser.address.to_string();
+    let source = |folder: &mut ResultFolder| ScanSource::Live(LiveLaser { record: args.record(folder), ..laser });
+    map_live(&name, source, stop, &args.mapping)
+}

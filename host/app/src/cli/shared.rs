@@ -1,0 +1,144 @@
+//! Arguments that several commands share: one name, one meaning, one help text each.
+
+#[cfg(feature = "experiments")]
+use std::path::Path;
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::laser::say;
+use super::{Failure, print};
+use lrfslam_host::config::RunConfig;
+
+/// Help of `--truth`.
+pub(super) const TRUTH: &str = "The true path: TUM, or lines `t x y theta`";
+/// Help of `--relations`.
+pub(super) const RELATIONS: &str = "True displacements: lines `t1 t2 x y z roll pitch yaw`";
+/// Help of `--lrf`.
+pub(super) const LRF: &str = "The laser";
+/// Help of `--port`.
+pub(super) const PORT: &str = "Serial port, such as /dev/ttyUSB0, or tcp:HOST or tcp:HOST:PORT";
+/// Help of `--seeds`.
+#[cfg(feature = "experiments")]
+pub(super) const SEEDS: &str = "Seeds 1 to N: each is a run of its own";
+/// Help of `--map`.
+pub(super) const MAP: &str = "Folder that `lrfslam map` has written";
+/// Help of `--seconds`.
+pub(super) const SECONDS: &str = "End after so many seconds of scans";
+
+/// Help of `--start`.
+pub(super) const START: &str = "Where the robot starts in the map: x and y in metres and degrees, or \"end\", where it was last when the map was \
+     made [default: it finds itself]";
+/// Help of `--particles`.
+pub(super) const PARTICLES: &str =
+    "Particles of DP-SLAM, as many as there is memory for; the same as --set particles.particles=N";
+/// Help of `--levels`.
+pub(super) const LEVELS: &str =
+    "Levels of SLAM: 1, particles over whole maps; 2, loops closed as well; the same as --set hierarchy.levels=N";
+/// Help of `--cell`.
+#[cfg(feature = "experiments")]
+pub(super) const CELL: &str = "Side of our method's NDT cells for the one scan that is matched against, m";
+
+/// The configuration.
+#[derive(Debug, Args)]
+pub struct ConfigArgs {
+    /// Configuration; `lrfslam config` prints one. What it leaves out stays as it is without.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Change one value of the configuration; may be given more than once.
+    #[arg(long, value_name = "SECTION.KEY=VALUE")]
+    set: Vec<String>,
+}
+
+impl ConfigArgs {
+    /// Defaults, then the file, then the overrides, checked.
+    ///
+    /// # Errors
+    /// What is wrong in the file or the overrides.
+    pub fn load(&self) -> Result<RunConfig, Failure> {
+        self.load_over(RunConfig::default(), [])
+    }
+
+    /// The same with other defaults; `flags` are overrides that flags of their own stand for.
+    pub(super) fn load_over(
+        &self,
+        defaults: RunConfig,
+        flags: impl IntoIterator<Item = String>,
+    ) -> Result<RunConfig, Failure> {
+        let overrides: Vec<String> = self.set.iter().cloned().chain(flags).collect();
+        RunConfig::load_over(defaults, self.config.as_deref(), &overrides).map_err(Failure::start)
+    }
+}
+
+/// The random numbers.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct SeedArgs {
+    /// Start of the random numbers: the same seed and input give the same results.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// Report or summary.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct JsonArgs {
+    /// Print the whole report as JSON instead of a summary.
+    #[arg(long)]
+    json: bool,
+}
+
+impl JsonArgs {
+    /// What is to be printed.
+    ///
+    /// # Errors
+    /// If the report cannot be written as JSON.
+    pub fn choose(self, report: &impl Serialize, summary: impl FnOnce() -> String) -> Result<String, Failure> {
+        if !self.json {
+            return Ok(summary());
+        }
+        Ok(serde_json::to_string_pretty(report).map_err(Failure::work)? + "\n")
+    }
+}
+
+/// What a command with results says.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct TellArgs {
+    #[command(flatten)]
+    json: JsonArgs,
+    /// Say nothing but errors; the exit code tells how it ended.
+    #[arg(long, short, conflicts_with = "json")]
+    quiet: bool,
+}
+
+impl TellArgs {
+    /// Nothing but errors is to be said.
+    pub fn is_quiet(self) -> bool {
+        self.quiet
+    }
+
+    /// Words on the way, on standard error.
+    pub fn say(self, text: &str) {
+        if !self.quiet {
+            say(text);
+        }
+    }
+
+    /// What is to be printed at the end; nothing if quiet.
+    ///
+    /// # Errors
+    /// If the report cannot be written as JSON.
+    pub fn choose(self, report: &impl Serialize, summary: impl FnOnce() -> String) -> Result<String, Failure> {
+        if self.quiet { Ok(String::new()) } else { self.json.choose(report, summary) }
+    }
+
+    /// Prints it.
+    pub(super) fn print(self, report: &impl Serialize, summary: impl FnOnce() -> String) -> Result<(), Failure> {
+        print(&self.choose(report, summary)?)
+    }
+}
+
+/// Where `table` and files beside it are.
+#[cfg(feature = "experiments")]
+pub(super) fn with_folder(table: &str, folder: &Path) -> String {
+    format!("{table}\nresults in {}\n", folder.display())
+}

@@ -1,0 +1,189 @@
+//! The live side: scans as the driver delivers them. Level ones go to the mapper, tilted ones are kept for the cloud.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use crate::cli::Failure;
+use crate::cli::demo::DemoArgs;
+use anyhow::{Result, anyhow};
+use lrfslam_core::scan::{Beam, RangeScan};
+use lrfslam_core::time::{Duration, Instant};
+use lrfslam_host::output::ResultFolder;
+use lrfslam_host::pose_f64::PoseF64;
+use lrfslam_host::results::report::{Ending, LaserCounts, RunReport, Source};
+use lrfslam_host::runs::map::{About, MapRun};
+use lrfslam_host::scans::live::{Item, SourceReport};
+
+use super::robot::SimulatedRobot;
+
+/// Scans that are mapped before the robot departs.
+const SCANS_AT_START: usize = 10;
+/// From one line of progress to the next, on the drive's clock.
+const PROGRESS: Duration = Duration::from_millis(5000);
+
+/// A scan, kept.
+#[derive(Debug, Clone)]
+pub struct KeptScan {
+    stamp: Instant,
+    range_max_m: f32,
+    beams: Vec<Beam>,
+}
+
+impl KeptScan {
+    /// As the library takes it.
+    pub fn scan(&self) -> RangeScan<'_> {
+        self.stamped(self.stamp)
+    }
+
+    /// The same under another time.
+    pub fn stamped(&self, stamp: Instant) -> RangeScan<'_> {
+        RangeScan { stamp, range_max_m: self.range_max_m, beams: &self.beams }
+    }
+}
+
+/// All that came of a drive.
+pub struct DriveRecord {
+    /// Scans of the level laser, as they were mapped.
+    pub level: Vec<KeptScan>,
+    /// Scans of the tilted laser.
+    pub tilted: Vec<KeptScan>,
+    /// The mapper's report.
+    pub report: RunReport,
+}
+
+/// See the [module](self).
+pub struct Session<'a, 'm> {
+    args: &'a DemoArgs,
+    robot: &'a SimulatedRobot,
+    map: MapRun<'m>,
+    level: Vec<KeptScan>,
+    tilted: Vec<KeptScan>,
+    /// Where the building's frame is in the map's: the first scan is the map's origin.
+    world_from_map: PoseF64,
+    next_line: Instant,
+    fault: Option<anyhow::Error>,
+}
+
+impl<'a, 'm> Session<'a, 'm> {
+    /// Nothing has come yet.
+    pub fn new(map: MapRun<'m>, robot: &'a SimulatedRobot, args: &'a DemoArgs) -> Self {
+        let (level, tilted) = (Vec::new(), Vec::new());
+        let world_from_map = PoseF64::default();
+        Self { args, robot, map, level, tilted, world_from_map, next_line: Instant::default(), fault: None }
+    }
+
+    /// Takes what the laser's thread delivers.
+    pub fn take(&mut self, item: Item<'_>) -> ControlFlow<()> {
+        match item {
+            Item::Scan(scan) => self.take_scan(&scan),
+            Item::Identified(identity) => self.say(identity.model.trim()),
+            Item::Said(text) => self.say(text),
+        }
+        if self.fault.is_some() || self.has_ended() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn take_scan(&mut self, scan: &RangeScan<'_>) {
+        let kept = KeptScan { stamp: scan.stamp, range_max_m: scan.range_max_m, beams: scan.beams.to_vec() };
+        let end = scan.beams.iter().map(|beam| scan.stamp + beam.offset).max().unwrap_or(scan.stamp);
+        if !self.robot.is_level(scan.stamp, end) {
+            self.tilted.push(kept);
+            return self.tell_progress(scan.stamp, None);
+        }
+        match self.map.add_scan(scan, self.robot.robot_from_lrf(), None) {
+            Ok(step) => {
+                self.level.push(kept);
+                self.start(scan.stamp);
+                self.tell_progress(scan.stamp, Some(PoseF64::from(step.map_from_robot)));
+            }
+            Err(error) => self.fault = Some(error),
+        }
+    }
+
+    /// The robot departs once the laser has proved that it is there.
+    fn start(&mut self, stamp: Instant) {
+        match self.level.len() {
+            1 => self.world_from_map = self.robot.pose(stamp),
+            SCANS_AT_START => self.robot.depart(stamp),
+            _ => {}
+        }
+    }
+
+    /// Something went wrong on the way.
+    pub fn has_failed(&self) -> bool {
+        self.fault.is_some()
+    }
+
+    /// The drive has come to its end.
+    pub fn has_ended(&self) -> bool {
+        let last = [self.level.last(), self.tilted.last()].into_iter().flatten().map(|scan| scan.stamp).max();
+        let driven = last.map_or(Instant::default(), |stamp| self.robot.drive_time(stamp));
+        self.robot.scenario.drive().end().is_some_and(|end| driven >= end)
+            || self.args.seconds.is_some_and(|seconds| driven.as_secs_f64() >= seconds)
+    }
+
+    fn tell_progress(&mut self, stamp: Instant, map_from_robot: Option<PoseF64>) {
+        let driven = self.robot.drive_time(stamp);
+        if driven < self.next_line {
+            return;
+        }
+        self.next_line = driven + PROGRESS;
+        let truth = self.robot.pose(stamp);
+        let now = match map_from_robot {
+            Some(pose) => {
+                let error = truth.between(self.world_from_map.then(pose));
+                format!(
+                    "{:.1} cm and {:.2}° off since the start",
+                    error.distance_m() * 100.0,
+                    error.heading.abs().to_degrees()
+                )
+            }
+            None => format!("tilted by {:.0}°", self.robot.scenario.drive().tilt().tilt_rad(driven).to_degrees()),
+        };
+        let (scans, tilted) = (self.level.len(), self.tilted.len());
+        self.say(&format!(
+            "{:5.0} s  at {:5.1} {:5.1} m  {scans} scans mapped, {tilted} tilted; {now}",
+            driven.as_secs_f64(),
+            truth.x,
+            truth.y
+        ));
+    }
+
+    fn say(&self, text: &str) {
+        self.args.tell.say(text);
+    }
+
+    /// Writes the mapper's results into `folder`.
+    pub fn finish(mut self, report: &SourceReport, folder: &Path) -> Result<DriveRecord> {
+        let report = self.map.write_into(folder, &about(report, Ending::Complete, None))?;
+        Ok(DriveRecord { level: self.level, tilted: self.tilted, report })
+    }
+
+    /// Writes the map of a drive that has not come to its end, where there is nothing to judge; says why it ended.
+    pub fn leave(mut self, report: &SourceReport, folder: &mut ResultFolder) -> Failure {
+        let fault = self.fault.take();
+        let ending = if fault.is_some() { Ending::Failed } else { Ending::Interrupted };
+        let about = about(report, ending, fault.as_ref());
+        let notice = match self.level.len() {
+            0 => "no scan came: no results were written".to_owned(),
+            scans => match folder.save(|stage| self.map.write_into(stage, &about)) {
+                Ok(_) => format!("stopped after {scans} scans; partial results are in {}", folder.named().display()),
+                Err(error) => return Failure::Work(error),
+            },
+        };
+        match fault {
+            Some(fault) => Failure::Work(fault.context(notice)),
+            None => Failure::Interrupted(anyhow!(notice)),
+        }
+    }
+}
+
+fn about(report: &SourceReport, ending: Ending, fault: Option<&anyhow::Error>) -> About {
+    let laser = LaserCounts {
+        damaged: report.counters.damaged,
+        restarts: report.counters.restarts,
+        overrun: report.overrun,
+        too_fast: 0,
+    };
+    let source = Source::Laser { port: "simulated".to_owned(), laser, recording: None };
+    About { source, odometry: false, ending, fault: fault.map(|fault| format!("{fault:#}")) }
+}

@@ -1,0 +1,9 @@
+//! The command `lrfslam`: arguments in, [`lrfslam_host`] at work, words and exit codes out.
+#![forbid(unsafe_code)]
+
+pub mod cli;
+#[cfg(feature = "demo")]
+mod demo;
+#[cfg(not(feature = "demo"))]
+#[path = "no_demo.rs"]
+mod demo;

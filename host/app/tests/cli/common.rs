@@ -1,0 +1,39 @@
+//! What the tests of the program share: the program itself, and the real logs where they are.
+#![allow(dead_code, reason = "not every binary uses all of it")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The built program, in `folder`, with `args`.
+pub fn lrfslam(folder: &Path, args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lrfslam"));
+    command.current_dir(folder).args(args);
+    command
+}
+
+/// Runs it: exit code, stdout, stderr. A panic fails the test.
+pub fn run(folder: &Path, args: &[&str]) -> (i32, String, String) {
+    let Output { status, stdout, stderr } = lrfslam(folder, args).output().expect("the program starts");
+    let stderr = String::from_utf8(stderr).expect("messages are text");
+    assert!(!stderr.contains("panicked"), "{stderr}");
+    (status.code().expect("not killed"), String::from_utf8(stdout).expect("output is text"), stderr)
+}
+
+/// A file of the real data, from the folder LRFSLAM_DATA, else from beside the repository; says so if it is missing.
+pub fn real_data(name: &str) -> Option<PathBuf> {
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    let folder = std::env::var_os("LRFSLAM_DATA").map_or_else(beside, PathBuf::from);
+    let file = folder.join(name);
+    if !file.exists() {
+        println!("skipped: {name} is not there (set LRFSLAM_DATA to the folder of the real logs)");
+        return None;
+    }
+    Some(file)
+}
+
+/// A FLASER line of `count` beams at time `i` s, the robot driving forward, walls 3 m around.
+pub fn flaser(i: u32, count: usize) -> String {
+    let ranges = vec!["3.00"; count].join(" ");
+    let x = f64::from(i) * 0.1;
+    format!("FLASER {count} {ranges} {x} 0 0 {x} 0 0 {i}.000000 host {i}.000000\n")
+}

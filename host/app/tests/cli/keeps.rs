@@ -1,0 +1,237 @@
+//! What was earned is kept: results of an earlier run, and of one that is stopped, killed or has no room.
+
+use std::fs;
+use std::io::Write as _;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use lrfslam_host::mapping::saved_map::SavedMap;
+
+use crate::common::{flaser, lrfslam, run};
+
+fn log_of(scans: u32) -> String {
+    (0..scans).map(|i| flaser(i, 180)).collect()
+}
+
+/// Every file of a folder, by name.
+fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let file = |entry: std::io::Result<fs::DirEntry>| {
+        let entry = entry.unwrap();
+        (entry.file_name().into_string().unwrap(), fs::read(entry.path()).unwrap())
+    };
+    let mut files: Vec<_> = fs::read_dir(folder).unwrap().map(file).collect();
+    files.sort();
+    files
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+fn report(folder: &Path) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(folder.join("run.json")).unwrap()).unwrap()
+}
+
+fn poses(folder: &Path) -> usize {
+    fs::read_to_string(folder.join("trajectory.tum")).unwrap().lines().count()
+}
+
+fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+    let started = Instant::now();
+    while !is_so() {
+        assert!(started.elapsed() < Duration::from_secs(120), "{what}: not within two minutes");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+fn interrupt(child: &Child) {
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    assert!(sent.unwrap().success());
+}
+
+/// `map` of a log that comes as slowly as a test wants.
+fn slow_map(folder: &Path, more: &[&str]) -> Child {
+    let arguments = [&["map", "-", "--out", "out", "--matcher-only", "--save-every", "0", "-q"], more].concat();
+    let mut command = lrfslam(folder, &arguments);
+    command.stdin(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+#[test]
+fn results_are_not_replaced_unless_that_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("a.log"), log_of(40)).unwrap();
+    fs::write(folder.join("b.log"), log_of(50)).unwrap();
+    assert_eq!(run(folder, &["map", "a.log", "--out", "out", "-q"]).0, 0);
+    let before = files(&folder.join("out"));
+    let into_out = [
+        &["map", "b.log", "--matcher-only"][..],
+        &["localize", "b.log", "--map", "out"],
+        &["map", "b.log", "--continue", "out"],
+        &["run", "--lrf", "hokuyo", "--port", "none"],
+        &["attach", "--lrf", "hokuyo", "--port", "none"],
+        &["demo"],
+    ];
+    for arguments in into_out.into_iter().filter(|words| cfg!(feature = "demo") || words[0] != "demo") {
+        let (code, _, stderr) = run(folder, &[arguments, &["--out", "out"]].concat());
+        assert!(code == 2 && stderr.contains("out: holds map.lrfslam already"), "{arguments:?}: {code} {stderr}");
+        assert!(files(&folder.join("out")) == before, "{arguments:?}");
+    }
+    let (code, _, stderr) = run(folder, &["map", "b.log", "--matcher-only", "--out", "out", "--overwrite", "-q"]);
+    assert_eq!((code, stderr.as_str()), (0, ""));
+    assert_eq!(poses(&folder.join("out")), 50);
+    assert!(!folder.join("out/steps.csv").exists(), "nothing of the former set is left");
+    assert_eq!(names(folder), ["a.log", "b.log", "out"]);
+}
+
+#[test]
+fn without_a_name_each_run_has_a_new_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("hall.log"), log_of(5)).unwrap();
+    for _ in 0..3 {
+        let (code, stdout, _) = run(folder.path(), &["map", "hall.log", "--matcher-only"]);
+        assert!(code == 0 && stdout.contains("results in hall-map-2"), "{stdout}");
+    }
+    let maps = names(folder.path()).iter().filter(|name| name.starts_with("hall-map-2")).count();
+    assert_eq!(maps, 3);
+}
+
+#[test]
+fn ctrl_c_writes_what_was_mapped_and_says_partial() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut child = slow_map(folder.path(), &[]);
+    let mut log = child.stdin.take().unwrap();
+    log.write_all(log_of(60).as_bytes()).unwrap();
+    let out = folder.path().join("out");
+    wait_until("a first save", || out.join("run.json").exists());
+    assert_eq!((report(&out)["ending"].as_str(), report(&out)["partial"].as_bool()), (Some("running"), Some(true)));
+    interrupt(&child);
+    std::thread::sleep(Duration::from_millis(300));
+    let _ = log.write_all(&log_of(80).as_bytes()[log_of(60).len()..]);
+    drop(log);
+    let done = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8(done.stderr).unwrap();
+    assert_eq!(done.status.code(), Some(130), "{stderr}");
+    assert!(stderr.contains("partial results are in out"), "{stderr}");
+    let report = report(&out);
+    assert_eq!((report["ending"].as_str(), report["partial"].as_bool()), (Some("interrupted"), Some(true)));
+    assert!((1..80).contains(&poses(&out)), "{}", poses(&out));
+    assert!(SavedMap::read(&out).is_ok());
+}
+
+/// At ten moments: what is in the folder is a whole set, of this run or of the one before.
+#[test]
+fn a_killed_run_leaves_a_whole_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("old.log"), log_of(7)).unwrap();
+    assert_eq!(run(folder, &["map", "old.log", "--out", "out", "-q"]).0, 0);
+    let mut newer = 0;
+    for moment in 0..10 {
+        let mut child = slow_map(folder, &["--overwrite"]);
+        let mut log = child.stdin.take().unwrap();
+        log.write_all(log_of(33 + 5 * moment).as_bytes()).unwrap();
+        std::thread::sleep(Duration::from_millis(40 + 37 * u64::from(moment)));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let out = folder.join("out");
+        let count = poses(&out);
+        assert_eq!(report(&out)["cost"]["scans"], count, "one set: the report and the path are of the same moment");
+        assert!(SavedMap::read(&out).is_ok() && out.join("map.pgm").exists());
+        newer += u32::from(count != 7);
+        assert!(!folder.join("out.part").exists(), "nothing has begun to grow");
+    }
+    assert!(newer > 0, "no run has saved anything");
+}
+
+fn disk_of(blocks: u32, folder: &Path, command: &str) -> (Option<i32>, String) {
+    // An ignored signal makes the write fail instead of ending the program; blocks are of 512 bytes.
+    let line = format!("trap '' XFSZ; ulimit -f {blocks}; exec {} {command}", env!("CARGO_BIN_EXE_lrfslam"));
+    let done = Command::new("sh").current_dir(folder).args(["-c", &line]).output().unwrap();
+    (done.status.code(), String::from_utf8(done.stderr).unwrap())
+}
+
+#[test]
+fn localize_and_cloud_keep_the_last_set_when_they_are_killed_or_have_no_room() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("a.log"), log_of(60)).unwrap();
+    fs::write(folder.join("tilt.txt"), (0..60).map(|i| format!("{i} 0.1\n")).collect::<String>()).unwrap();
+    assert_eq!(run(folder, &["map", "a.log", "--out", "map", "-q"]).0, 0);
+    let commands = [
+        "localize a.log --map map --start end -q",
+        "cloud a.log --trajectory map/trajectory.tum --tilt tilt.txt --gap 2 --json",
+    ];
+    for (command, last) in commands.into_iter().zip(["run.json", "cloud.json"]) {
+        let _ = fs::remove_dir_all(folder.join("out"));
+        let line = format!("{command} --out out --overwrite");
+        let words: Vec<&str> = line.split(' ').collect();
+        let first = run(folder, &words);
+        assert!(first.0 == 0 || first.0 == 3, "{command}: {first:?}");
+        let before = files(&folder.join("out"));
+        let same_names = || names(&folder.join("out")).into_iter().eq(before.iter().map(|(name, _)| name.clone()));
+        for moment in 0..10 {
+            let mut child = lrfslam(folder, &words).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+            std::thread::sleep(Duration::from_millis(3 + 9 * moment));
+            let _ = child.kill();
+            child.wait().unwrap();
+            assert!(
+                same_names() && folder.join("out").join(last).exists(),
+                "{command}: {:?}",
+                names(&folder.join("out"))
+            );
+            assert!(!folder.join("out.part").exists());
+        }
+        let full = disk_of(0, folder, &line);
+        assert!(full.0 == Some(1) && full.1.contains("cannot be written"), "{command}: {full:?}");
+        assert!(same_names() && !folder.join("out.lrfslam-new").exists(), "{command}");
+    }
+}
+
+/// A folder whose neighbours cannot be written could not be replaced when the work is done.
+#[test]
+fn a_place_that_cannot_be_replaced_is_refused_at_the_start() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.log"), log_of(5)).unwrap();
+    for (place, words) in [("/proc", "a disk is mounted there"), (".", "expected a folder of its own")] {
+        let (code, _, stderr) = run(folder.path(), &["map", "a.log", "--out", place, "--overwrite", "-q"]);
+        assert!(code == 2 && stderr.contains(words), "{place}: {code} {stderr}");
+    }
+    std::os::unix::fs::symlink("real", folder.path().join("link")).unwrap();
+    fs::create_dir(folder.path().join("real")).unwrap();
+    assert_eq!(run(folder.path(), &["map", "a.log", "--matcher-only", "--out", "link", "-q"]).0, 0);
+    assert!(folder.path().join("link").is_symlink() && folder.path().join("real/run.json").exists());
+}
+
+/// The first blocks of a file can be written, and then no more, as on a disk that gets full.
+#[test]
+fn a_full_disk_leaves_what_was_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("a.log"), log_of(60)).unwrap();
+    assert_eq!(run(folder, &["map", "a.log", "--out", "out", "-q"]).0, 0);
+    let before = files(&folder.join("out"));
+    for (blocks, command) in [0, 1, 2, 4, 8, 12, 16, 20]
+        .into_iter()
+        .flat_map(|blocks| ["map a.log --matcher-only", "localize a.log --map out"].map(|command| (blocks, command)))
+    {
+        let (code, stderr) = disk_of(blocks, folder, &format!("{command} --out out --overwrite -q"));
+        // The robot need not find itself in so plain a room.
+        if matches!(code, Some(0 | 3)) {
+            assert!(command.starts_with("localize") || blocks > 8, "{blocks} {command}");
+            let again = ["map", "a.log", "--out", "out", "--overwrite", "-q"];
+            assert_eq!(run(folder, &again).0, 0);
+            continue;
+        }
+        assert!(code == Some(1) && stderr.contains("cannot be written"), "{blocks}: {stderr}");
+        let same = |(name, bytes): &(String, Vec<u8>)| {
+            name == "run.json" || name == "steps.csv" || fs::read(folder.join("out").join(name)).unwrap() == *bytes
+        };
+        assert!(before.iter().all(same) && names(&folder.join("out")).len() == before.len(), "{blocks} {command}");
+        assert_eq!(names(folder), ["a.log", "out"], "{blocks}: nothing is left beside it");
+    }
+}

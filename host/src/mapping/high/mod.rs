@@ -1,0 +1,243 @@
+//! The high level: whole segments of the low level's path, put where they agree with one another (thesis §3.2.3.3–3.2.3.4).
+//!
+//! Scan and pose of the low level → segment → node and edge of a pose graph → closing: has the robot been here before? →
+//! the graph is solved, and all segments move → the low level goes on in the corrected map ([`Correction`]).
+//!
+//! # What the low level goes on in
+//! Only what lies surely where it is thought to be, as seen from the robot: the recent path, and the older path that closures tie
+//! it to (`reach`). A robot that comes back from a long loop with a drift of a metre does not meet its own old walls a
+//! metre off, until they have been recognised and the loop is closed.
+//!
+//! # Frames
+//! `map` is the first pose. The low level's poses are taken relative to one another.
+
+mod particles;
+mod placing;
+mod saved;
+mod segment;
+
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::ndt::NdtConfig;
+use lrfslam_core::rays::RayCapacityError;
+use lrfslam_core::sweep::Sweep;
+use nalgebra::Matrix3;
+use serde::Serialize;
+
+pub use particles::{HighParticles, HighParticlesConfig};
+pub use saved::{SavedPath, SavedPathError};
+pub use segment::SegmentConfig;
+
+use self::placing::ReferenceState;
+use self::segment::{LowStep, Segment};
+use super::{Correction, LowPose};
+use crate::places::closing::{Closer, Closure, ClosureConfig};
+use crate::places::pose_graph::{Edge, PoseGraph};
+use crate::places::reach_from;
+use crate::pose_f64::PoseF64;
+use crate::scans::store::ScanStore;
+
+lrfslam_core::config! {
+    /// High level.
+    pub struct HighConfig {
+        /// A scan is kept for drawing and matching if the robot has moved so far since the last one kept, m …
+        keep_distance_m: f32 = 0.02, in 0.0..=10.0;
+        /// … or turned so far, degrees. 8 bytes a beam of a scan kept.
+        keep_rotation_deg: f32 = 1.0, in 0.0..=180.0;
+        /// The low level goes on in the corrected map. Without, the high level only watches.
+        feedback: bool = true;
+        /// The low level's map holds what is this certain as seen from the robot, m (one standard deviation).
+        reference_sigma_m: f32 = 0.2, in 0.01..=100.0;
+        /// … and in any case the latest path of so much travel, m.
+        reference_travel_m: f32 = 20.0, in 1.0..=1000.0;
+        /// Nothing farther away than this, m.
+        reference_distance_m: f32 = 50.0, in 1.0..=1000.0;
+        /// Of this, scans this far apart, m …
+        reference_step_m: f32 = 0.05, in 0.0..=10.0;
+        /// … or so far turned, degrees.
+        reference_step_deg: f32 = 2.0, in 0.0..=180.0;
+    }
+}
+
+/// The configuration of the high level with all its parts.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct HighConfigs {
+    /// What is kept, and what the low level goes on in.
+    pub high: HighConfig,
+    /// Segments.
+    pub segment: SegmentConfig,
+    /// Closures.
+    pub closure: ClosureConfig,
+    /// Cells in which closures are refined.
+    pub ndt: NdtConfig,
+}
+
+/// What the high level did.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct HighCounts {
+    /// Segments.
+    pub segments: u64,
+    /// Closures found.
+    pub closures_found: u64,
+    /// Closures believed in the end: the others had none that agreed with them, or did not agree with the rest of the path.
+    pub closures: u64,
+    /// Farthest that a closure moved the robot, m.
+    pub largest_move_m: f32,
+    /// Scans kept.
+    pub scans_kept: u64,
+    /// Bytes of these.
+    pub scan_bytes: u64,
+}
+
+/// Places segments; see the [module](self).
+#[derive(Debug)]
+pub struct HighSlam<'m> {
+    config: HighConfigs,
+    scans: ScanStore,
+    /// Complete segments; segment k starts at node k of the graph and ends at node k + 1.
+    segments: Vec<Segment>,
+    open: Segment,
+    graph: PoseGraph,
+    closer: Closer,
+    /// If these close loops, and not the graph.
+    particles: Option<HighParticles<'m>>,
+    low: Option<Pose2>,
+    /// Where the robot was when a scan was last kept, seen from the start of the open segment.
+    kept: Option<Pose2>,
+    reference: ReferenceState,
+    counts: HighCounts,
+}
+
+impl<'m> HighSlam<'m> {
+    /// One that has seen nothing yet; loops are closed by `particles` if there are any, else by closures in the graph.
+    pub fn new(config: &HighConfigs, particles: Option<HighParticles<'m>>) -> Self {
+        let mut graph = PoseGraph::default();
+        graph.add_node(PoseF64::default());
+        Self {
+            config: *config,
+            scans: ScanStore::default(),
+            segments: Vec::new(),
+            open: Segment::empty(),
+            graph,
+            closer: Closer::new(&config.closure, &config.ndt),
+            particles,
+            low: None,
+            kept: None,
+            reference: ReferenceState::default(),
+            counts: HighCounts::default(),
+        }
+    }
+
+    /// Takes a scan and where the low level believes it was taken; at the end of a segment, says how the low level is to go on if its
+    /// map is to change.
+    ///
+    /// # Errors
+    /// If the high level's particles have no memory for that many beams.
+    pub fn add_scan(&mut self, sweep: &Sweep<'_>, low: &LowPose) -> Result<Option<Correction>, RayCapacityError> {
+        let before = self.low.replace(low.map_from_robot).unwrap_or(low.map_from_robot);
+        let previous_from_robot = before.between(low.map_from_robot);
+        let turned = Pose2::new(0.0, 0.0, -before.heading);
+        let start_from_robot = self.open.start_from_end.to_f32() * previous_from_robot;
+        let step = LowStep {
+            stamp: sweep.scan.stamp,
+            previous_from_robot,
+            undetermined: low.undetermined.map(|axis| turned.transform(axis)),
+            is_lost: low.is_lost,
+            scan: self.keep(sweep, start_from_robot, low.is_lost),
+        };
+        self.open.push(&self.config.segment, &step);
+        if !self.open.is_complete(&self.config.segment) {
+            return Ok(None);
+        }
+        self.complete_segment()?;
+        Ok(if self.config.high.feedback { self.correction() } else { None })
+    }
+
+    fn correction(&mut self) -> Option<Correction> {
+        let node = self.segments.len();
+        let reference = self.changed_reference(node)?;
+        Some(Correction { map_from_robot: self.graph.nodes()[node].to_f32(), reference })
+    }
+
+    /// The low level has taken the correction, and where it was at the last scan is this from now on.
+    pub fn low_goes_on_from(&mut self, low_pose: Pose2) {
+        self.low = Some(low_pose);
+    }
+
+    /// The stored scans.
+    pub fn scans(&self) -> &ScanStore {
+        &self.scans
+    }
+
+    /// Stores the scan if the robot has moved; returns its place. One that is not believed, or without beams, is not stored.
+    fn keep(&mut self, sweep: &Sweep<'_>, start_from_robot: Pose2, is_lost: bool) -> Option<u32> {
+        let high = &self.config.high;
+        let has_moved = self.kept.is_none_or(|kept| {
+            let step = kept.between(start_from_robot);
+            step.position().norm() >= high.keep_distance_m || step.heading.abs() >= high.keep_rotation_deg.to_radians()
+        });
+        if is_lost || !has_moved || sweep.scan.beams.is_empty() {
+            return None;
+        }
+        self.kept = Some(start_from_robot);
+        self.scans.add(sweep);
+        u32::try_from(self.scans.len() - 1).ok()
+    }
+
+    /// Makes the open segment a node of the graph, and closes loops.
+    fn complete_segment(&mut self) -> Result<(), RayCapacityError> {
+        let start = self.segments.len();
+        self.close_segment();
+        if let Some(particles) = &mut self.particles {
+            self.graph.move_nodes(&particles.add(&self.segments[start], &self.scans)?);
+        } else if self.config.closure.enabled && self.close_loops(start) {
+            self.solve();
+        }
+        Ok(())
+    }
+
+    /// Makes the open segment a node of the graph.
+    fn close_segment(&mut self) {
+        let segment = std::mem::replace(&mut self.open, Segment::empty());
+        let end = segment.start_from_end;
+        self.kept = self.kept.map(|kept| end.to_f32().between(kept));
+        let start = self.segments.len();
+        let node = self.graph.add_node(self.graph.nodes()[start].then(end));
+        let information = (segment.covariance + Matrix3::from_diagonal_element(1e-8)).try_inverse();
+        let information = information.unwrap_or_else(|| Matrix3::from_diagonal_element(1.0));
+        self.graph.add_edge(Edge { from: start, to: node, from_to: end, information, is_closure: false });
+        self.segments.push(segment);
+        self.counts.segments += 1;
+    }
+
+    /// Looks for older places that the segment that starts at node `newer` came back to; true if the graph has new closures.
+    fn close_loops(&mut self, newer: usize) -> bool {
+        self.closer.forget_before(newer.saturating_sub(5));
+        let reached = reach_from(&self.graph, newer);
+        let mut found = Vec::new();
+        for (older, reach) in self.candidates(newer, &reached) {
+            let Some(closure) = self.find_closure(older, newer, &reach) else { continue };
+            self.counts.closures_found += 1;
+            found.extend(self.closer.confirmed(closure, self.graph.nodes()));
+        }
+        let moved = found.iter().map(|closure| closure.moves_m).fold(0.0, f32::max);
+        self.counts.largest_move_m = self.counts.largest_move_m.max(moved);
+        found.iter().for_each(|closure: &Closure| self.graph.add_edge(closure.edge(&self.config.closure)));
+        !found.is_empty()
+    }
+
+    /// Solves the graph; closures that do not agree with the rest go.
+    fn solve(&mut self) {
+        let doubted = self.graph.solve();
+        if !doubted.is_empty() {
+            self.graph.remove_edges(&doubted);
+            self.graph.solve();
+        }
+    }
+
+    /// What was done so far.
+    pub fn counts(&self) -> HighCounts {
+        let closures = self.graph.edges().iter().filter(|edge| edge.is_closure).count() as u64;
+        let (scans_kept, scan_bytes) = (self.scans.len() as u64, self.scans.memory_bytes() as u64);
+        HighCounts { closures, scans_kept, scan_bytes, ..self.counts }
+    }
+}

@@ -1,0 +1,217 @@
+//! Where stored scans lie: for the submaps of a closure, for the low level to go on in, and for the final path and map.
+
+use lrfslam_core::geometry::Pose2;
+
+use super::HighSlam;
+use super::segment::SegmentPose;
+use crate::maps::occupancy::OccupancyMap;
+use crate::places::closing::Closure;
+use crate::places::correlation::SearchWindow;
+use crate::places::submap::Submap;
+use crate::places::{Reach, reach_from};
+use crate::pose_f64::{PoseF64, wrap};
+use crate::trajectory::TimedPose;
+
+/// Scans of a submap are so far apart, m …
+const SUBMAP_STEP_M: f32 = 0.2;
+/// … or so far turned, rad.
+const SUBMAP_STEP_RAD: f32 = 0.1;
+/// Two places farther apart than this share too little to be compared, besides the window, m.
+const PLACES_APART_M: f64 = 8.0;
+/// The low level's map is made anew if one of its segments has moved so far, m …
+const MOVED_M: f64 = 0.01;
+/// … or turned so far, rad.
+const MOVED_RAD: f64 = 0.001;
+
+/// What the low level's map is made of: segments, and where they start.
+#[derive(Debug, Default)]
+pub(super) struct ReferenceState {
+    segments: Vec<Option<PoseF64>>,
+}
+
+impl ReferenceState {
+    fn pose(&self, segment: usize) -> Option<PoseF64> {
+        self.segments.get(segment).copied().flatten()
+    }
+}
+
+impl HighSlam<'_> {
+    /// Poses of segment `k` in the map: what the graph has moved its end by is spread along its way.
+    fn placed(&self, k: usize) -> impl Iterator<Item = (PoseF64, &SegmentPose)> {
+        let segment = self.segments.get(k).unwrap_or(&self.open);
+        let start = self.graph.nodes()[k];
+        let open_end = start.then(segment.start_from_end);
+        let end = self.graph.nodes().get(k + 1).copied().unwrap_or(open_end);
+        let (dx, dy, turn) = (end.x - open_end.x, end.y - open_end.y, wrap(end.heading - open_end.heading));
+        let length = f64::from(segment.travel_m).max(1e-6);
+        segment.poses.iter().map(move |pose| {
+            let rigid = start.then(PoseF64::from(pose.start_from_robot));
+            let share = f64::from(pose.travel_m) / length;
+            let heading = wrap(rigid.heading + share * turn);
+            (PoseF64::new(rigid.x + share * dx, rigid.y + share * dy, heading), pose)
+        })
+    }
+
+    /// Every scan's pose, as it is known now.
+    pub fn trajectory(&self) -> impl Iterator<Item = TimedPose> {
+        let poses = (0..=self.segments.len()).flat_map(|k| self.placed(k));
+        poses.map(|(map_from_robot, pose)| TimedPose { stamp: pose.stamp, map_from_robot: map_from_robot.to_f32() })
+    }
+
+    /// Draws the scans kept where they are known to be now.
+    pub fn draw(&self, map: &mut OccupancyMap) {
+        let mut beams = Vec::new();
+        for (map_from_robot, scan) in (0..=self.segments.len()).flat_map(|k| self.scans_of(k)) {
+            if let Some(sweep) = self.scans.sweep(scan as usize, &mut beams) {
+                map.insert(&sweep.scan, map_from_robot * sweep.robot_from_lrf);
+            }
+        }
+    }
+
+    /// The scans kept, where they are known to be now: those that are so far from, m, or so far turned to, rad, the one before.
+    pub fn placed_scans(&self, (step_m, step_rad): (f32, f32)) -> impl Iterator<Item = (Pose2, u32)> {
+        apart((0..=self.segments.len()).flat_map(|k| self.scans_of(k)), step_m, step_rad)
+    }
+
+    fn scans_of(&self, k: usize) -> impl Iterator<Item = (Pose2, u32)> {
+        self.placed(k).filter_map(|(pose, of)| Some((pose.to_f32(), of.scan?)))
+    }
+
+    /// The map of some segments about the node at the start of segment `node`, in that node's frame.
+    fn submap(&self, segments: std::ops::RangeInclusive<usize>, node: usize) -> Submap {
+        let node_from_map = self.graph.nodes()[node];
+        let scans = segments
+            .flat_map(|k| self.placed(k))
+            .filter_map(|(pose, of)| Some((node_from_map.between(pose).to_f32(), of.scan?)));
+        let apart = apart(scans, SUBMAP_STEP_M, SUBMAP_STEP_RAD);
+        Submap::new(apart, &self.scans, self.config.closure.range_max_m)
+    }
+
+    /// Segments around `k` with so much travel in each direction.
+    fn segments_about(&self, k: usize, before_m: f32, after_m: f32) -> std::ops::RangeInclusive<usize> {
+        let going = |segments: &mut dyn Iterator<Item = usize>, travel_m: f32| {
+            let mut left = travel_m;
+            segments
+                .take_while(|&k| {
+                    let goes = left > 0.0;
+                    left -= self.segments[k].travel_m;
+                    goes
+                })
+                .last()
+        };
+        let first = going(&mut (0..k).rev(), before_m).unwrap_or(k);
+        let last = going(&mut (k + 1..self.segments.len()), after_m).unwrap_or(k);
+        first..=last
+    }
+
+    /// Older nodes to be searched for `newer`, the nearest first, each apart from the others.
+    pub(super) fn candidates(&self, newer: usize, reached: &[Option<Reach>]) -> Vec<(usize, Reach)> {
+        let closure = &self.config.closure;
+        let nodes = self.graph.nodes();
+        let mut travel_m = 0.0;
+        let mut near = Vec::new();
+        for older in (0..newer).rev() {
+            travel_m += self.segments[older].travel_m;
+            let Some(reach) = reached[older].filter(|_| travel_m >= closure.gap_travel_m) else { continue };
+            let distance = nodes[older].between(nodes[newer]).distance_m();
+            if distance <= PLACES_APART_M + f64::from(self.window_m(&reach)) {
+                near.push((distance, older, reach));
+            }
+        }
+        near.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let apart = (closure.place_travel_m / self.config.segment.travel_m).ceil() as usize;
+        let mut chosen: Vec<(usize, Reach)> = Vec::new();
+        for (_, older, reach) in near {
+            if chosen.len() < usize::from(closure.candidates)
+                && chosen.iter().all(|(other, _)| other.abs_diff(older) >= apart)
+            {
+                chosen.push((older, reach));
+            }
+        }
+        chosen
+    }
+
+    fn window_m(&self, reach: &Reach) -> f32 {
+        let closure = &self.config.closure;
+        (closure.window_sigmas * reach.position_m() as f32 + 0.3).min(closure.window_max_m)
+    }
+
+    /// Searches the latest path in the path about `older`.
+    pub(super) fn find_closure(&mut self, older: usize, newer: usize, reach: &Reach) -> Option<Closure> {
+        let config = self.config.closure;
+        let query = self.segments_about(newer, config.query_travel_m - self.segments[newer].travel_m, 0.0);
+        let place = self.segments_about(older, config.place_travel_m, config.place_travel_m);
+        let place = *place.start()..=(*place.end()).min(query.start().saturating_sub(1));
+        let (query, place) = (self.submap(query, newer), self.submap(place, older));
+        let nodes = self.graph.nodes();
+        let centre = nodes[older].between(nodes[newer]).to_f32();
+        let heading_rad = config.window_sigmas * reach.heading_rad() as f32 + 0.02;
+        let window = SearchWindow {
+            centre,
+            distance_m: self.window_m(reach),
+            heading_rad: heading_rad.min(config.window_max_deg.to_radians()),
+        };
+        let found = self.closer.find(&query, &place, &window)?;
+        let moves_m = (found.pose.position() - centre.position()).norm();
+        let older_from_newer = PoseF64::from(found.pose);
+        Some(Closure { older, newer, older_from_newer, moves_m, weak_axis: found.weak_axis })
+    }
+
+    /// What the low level is to be matched against from `node` on; `None` if that has hardly changed.
+    pub(super) fn changed_reference(&mut self, node: usize) -> Option<Vec<(Pose2, u32)>> {
+        let high = &self.config.high;
+        let reached = reach_from(&self.graph, node);
+        let nodes = self.graph.nodes();
+        let last = self.segments.len() - 1;
+        let mut wanted: Vec<Option<PoseF64>> = vec![None; self.segments.len()];
+        let mut has_changed = false;
+        let recent = *self.segments_about(last, high.reference_travel_m, 0.0).start();
+        for k in 0..self.segments.len() {
+            let sigma_max = f64::from(high.reference_sigma_m);
+            let is_sure = k >= recent || reached[k].is_some_and(|reach| reach.position_m() <= sigma_max);
+            let distance = nodes[node].between(nodes[k]).distance_m();
+            let used = self.reference.pose(k);
+            if is_sure && distance <= f64::from(high.reference_distance_m) {
+                wanted[k] = Some(nodes[k]);
+                let is_new = used.is_none() && k < last && distance <= 0.6 * f64::from(high.reference_distance_m);
+                has_changed |= is_new || used.is_some_and(|used| has_moved(used, nodes[k]));
+            } else {
+                has_changed |= used.is_some() && !is_sure;
+            }
+        }
+        if !has_changed {
+            // The low level has put the last segment into its reference by itself.
+            self.reference.segments.resize(last, None);
+            self.reference.segments.push(Some(nodes[last]));
+            return None;
+        }
+        self.reference.segments = wanted;
+        let (step_m, step_rad) = (high.reference_step_m, high.reference_step_deg.to_radians());
+        let used = (0..=last).filter(|k| self.reference.pose(*k).is_some());
+        Some(apart(used.flat_map(|k| self.scans_of(k)), step_m, step_rad).collect())
+    }
+}
+
+fn has_moved(from: PoseF64, to: PoseF64) -> bool {
+    let step = from.between(to);
+    step.distance_m() > MOVED_M || step.heading.abs() > MOVED_RAD
+}
+
+/// Those of `scans` that are so far from, or so far turned to, the one before.
+pub(super) fn apart(
+    scans: impl Iterator<Item = (Pose2, u32)>,
+    step_m: f32,
+    step_rad: f32,
+) -> impl Iterator<Item = (Pose2, u32)> {
+    let mut last: Option<Pose2> = None;
+    scans.filter(move |(pose, _)| {
+        let is_apart = last.is_none_or(|last| {
+            let step = last.between(*pose);
+            step.position().norm() >= step_m || step.heading.abs() >= step_rad
+        });
+        if is_apart {
+            last = Some(*pose);
+        }
+        is_apart
+    })
+}

@@ -1,0 +1,282 @@
+//! The high level's state as it is saved: the path cut into segments, and the graph that holds them together.
+
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::rays::RayCapacityError;
+use lrfslam_core::time::Instant;
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::placing::ReferenceState;
+use super::segment::{LowStep, Segment, SegmentPose};
+use super::{HighConfigs, HighSlam};
+use crate::mapping::Correction;
+use crate::places::pose_graph::{Edge, PoseGraph};
+use crate::pose_f64::PoseF64;
+use crate::scans::store::ScanStore;
+use crate::trajectory::TimedPose;
+
+/// How well the start of another drive is known, m …
+const START_SIGMA_M: f64 = 0.1;
+/// … and rad.
+const START_SIGMA_RAD: f64 = 0.035;
+
+/// A path with its graph, as it is saved.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SavedPath {
+    /// Complete segments, and the open one last.
+    segments: Vec<SavedSegment>,
+    /// Where they start.
+    nodes: Vec<[f64; 3]>,
+    edges: Vec<SavedEdge>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct SavedSegment {
+    poses: Vec<SavedPose>,
+    end: [f64; 3],
+    covariance: [f64; 9],
+    travel_m: f32,
+    rotation_rad: f32,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct SavedPose {
+    stamp: Instant,
+    start_from_robot: Pose2,
+    travel_m: f32,
+    scan: Option<u32>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct SavedEdge {
+    from: u32,
+    to: u32,
+    from_to: [f64; 3],
+    information: [f64; 9],
+    is_closure: bool,
+}
+
+/// What is wrong with a saved path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SavedPathError {
+    /// Every segment starts at a node.
+    #[error(
+        "it has {segments} stretches of path and {nodes} starts of such, expected as many of both and at least one"
+    )]
+    Nodes {
+        /// Segments, the open one with them.
+        segments: usize,
+        /// Nodes.
+        nodes: usize,
+    },
+    /// An edge joins two different nodes.
+    #[error("edge {0} of its graph does not join two of the nodes")]
+    Edge(usize),
+    /// A pose names a scan that is not there.
+    #[error("its path names scan {0}, of {1} scans")]
+    Scan(u32, usize),
+    /// Every number is finite.
+    #[error("a number in it is not finite")]
+    NotFinite,
+}
+
+impl HighSlam<'_> {
+    /// Its state, but for the scans.
+    pub fn saved(&self) -> SavedPath {
+        let edge = |edge: &Edge| SavedEdge {
+            from: edge.from as u32,
+            to: edge.to as u32,
+            from_to: numbers(edge.from_to),
+            information: elements(&edge.information),
+            is_closure: edge.is_closure,
+        };
+        SavedPath {
+            segments: self.segments.iter().chain([&self.open]).map(SavedSegment::from).collect(),
+            nodes: self.graph.nodes().iter().copied().map(numbers).collect(),
+            edges: self.graph.edges().iter().map(edge).collect(),
+        }
+    }
+
+    /// Goes on where another one was saved; `scans` are those that it had kept.
+    ///
+    /// # Errors
+    /// If the parts do not fit together.
+    pub fn restored(config: &HighConfigs, saved: &SavedPath, scans: ScanStore) -> Result<Self, SavedPathError> {
+        saved.check(scans.len())?;
+        let mut high = Self::new(config, None);
+        high.scans = scans;
+        high.graph = PoseGraph::default();
+        for node in &saved.nodes {
+            high.graph.add_node(pose(*node));
+        }
+        for edge in &saved.edges {
+            let information = Matrix3::from_column_slice(&edge.information);
+            let (from, to) = (edge.from as usize, edge.to as usize);
+            high.graph.add_edge(Edge {
+                from,
+                to,
+                from_to: pose(edge.from_to),
+                information,
+                is_closure: edge.is_closure,
+            });
+        }
+        high.segments = saved.segments.iter().map(Segment::from).collect();
+        high.open = high.segments.pop().unwrap_or_else(Segment::empty);
+        high.counts.segments = high.segments.len() as u64;
+        high.counts.closures_found = saved.edges.iter().filter(|edge| edge.is_closure).count() as u64;
+        Ok(high)
+    }
+
+    /// Begins another drive in the same map, at `map_from_robot` or where the last one ended; says what the low level is to go on with.
+    ///
+    /// The start hangs on the nearest place of the path.
+    pub fn drive_on_from(&mut self, map_from_robot: Option<Pose2>) -> Option<Correction> {
+        if !self.open.poses.is_empty() {
+            self.close_segment();
+        }
+        let end = self.graph.nodes()[self.segments.len()];
+        let start = map_from_robot.map_or(end, PoseF64::from);
+        let node = self.graph.add_node(start);
+        let places = &self.graph.nodes()[..node];
+        let distance = |place: &PoseF64| place.between(start).distance_m();
+        let from = (0..node).min_by(|a, b| distance(&places[*a]).total_cmp(&distance(&places[*b])))?;
+        let from_to = places[from].between(start);
+        let (position, heading) = (START_SIGMA_M.powi(-2), START_SIGMA_RAD.powi(-2));
+        let information = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
+        self.graph.add_edge(Edge { from, to: node, from_to, information, is_closure: false });
+        self.segments.push(Segment { start_from_end: end.between(start), ..Segment::empty() });
+        self.kept = None;
+        self.reference = ReferenceState::default();
+        self.correction()
+    }
+
+    /// One that holds a finished path as it is: poses, and which of `scans` were taken there.
+    ///
+    /// # Errors
+    /// As [`add_scan`](Self::add_scan).
+    pub fn of_path(
+        config: &HighConfigs,
+        path: impl Iterator<Item = (TimedPose, Option<u32>)>,
+        scans: ScanStore,
+    ) -> Result<Self, RayCapacityError> {
+        let mut high = Self::new(config, None);
+        high.config.closure.enabled = false;
+        high.scans = scans;
+        let mut before: Option<Pose2> = None;
+        for (TimedPose { stamp, map_from_robot }, scan) in path {
+            let previous_from_robot = before.unwrap_or_default().between(map_from_robot);
+            before = Some(map_from_robot);
+            let step = LowStep { stamp, previous_from_robot, undetermined: None, is_lost: false, scan };
+            high.open.push(&high.config.segment, &step);
+            if high.open.is_complete(&high.config.segment) {
+                high.complete_segment()?;
+            }
+        }
+        Ok(high)
+    }
+}
+
+#[cfg(test)]
+impl SavedPath {
+    /// One with everything that can be in it, every number another one.
+    pub(crate) fn example() -> Self {
+        let pose = |number: i16, scan| SavedPose {
+            stamp: Instant::from_micros(1000 * i64::from(number)),
+            start_from_robot: Pose2::new(f32::from(number), 0.5, -0.25),
+            travel_m: 0.125 + f32::from(number),
+            scan,
+        };
+        let segment = |number: i16, poses| SavedSegment {
+            poses,
+            end: [f64::from(number), 1.5, -1.25],
+            covariance: std::array::from_fn(|k| f64::from(number) + 0.0625 * k as f64),
+            travel_m: 7.5,
+            rotation_rad: 2.75,
+        };
+        let edge = |from, to, is_closure| SavedEdge {
+            from,
+            to,
+            from_to: [3.5, 4.5, 0.75],
+            information: std::array::from_fn(|k| 100.0 + k as f64),
+            is_closure,
+        };
+        let segments = vec![segment(10, vec![pose(1, Some(0)), pose(2, None)]), segment(20, vec![pose(3, Some(1))])];
+        let edges = vec![edge(0, 1, false), edge(1, 0, true)];
+        Self { segments, nodes: vec![[0.5, 0.25, 0.125], [8.5, 9.5, 1.5]], edges }
+    }
+}
+
+impl SavedPath {
+    fn check(&self, scans: usize) -> Result<(), SavedPathError> {
+        let (segments, nodes) = (self.segments.len(), self.nodes.len());
+        if segments == 0 || segments != nodes {
+            return Err(SavedPathError::Nodes { segments, nodes });
+        }
+        let is_edge = |edge: &SavedEdge| edge.from != edge.to && (edge.from.max(edge.to) as usize) < nodes;
+        if let Some(index) = self.edges.iter().position(|edge| !is_edge(edge)) {
+            return Err(SavedPathError::Edge(index));
+        }
+        let mut named = self.segments.iter().flat_map(|segment| &segment.poses).filter_map(|pose| pose.scan);
+        if let Some(scan) = named.find(|scan| *scan as usize >= scans) {
+            return Err(SavedPathError::Scan(scan, scans));
+        }
+        let is_finite = self.nodes.iter().flatten().all(|number| number.is_finite())
+            && self.edges.iter().all(|edge| edge.from_to.iter().chain(&edge.information).all(|n| n.is_finite()))
+            && self.segments.iter().all(SavedSegment::is_finite);
+        if is_finite { Ok(()) } else { Err(SavedPathError::NotFinite) }
+    }
+}
+
+impl SavedSegment {
+    fn is_finite(&self) -> bool {
+        self.end.iter().chain(&self.covariance).all(|number| number.is_finite())
+            && self.travel_m.is_finite()
+            && self.rotation_rad.is_finite()
+            && self.poses.iter().all(|pose| pose.start_from_robot.is_finite() && pose.travel_m.is_finite())
+    }
+}
+
+impl From<&Segment> for SavedSegment {
+    fn from(segment: &Segment) -> Self {
+        let pose = |pose: &SegmentPose| {
+            let SegmentPose { stamp, start_from_robot, travel_m, scan } = *pose;
+            SavedPose { stamp, start_from_robot, travel_m, scan }
+        };
+        Self {
+            poses: segment.poses.iter().map(pose).collect(),
+            end: numbers(segment.start_from_end),
+            covariance: elements(&segment.covariance),
+            travel_m: segment.travel_m,
+            rotation_rad: segment.rotation_rad,
+        }
+    }
+}
+
+impl From<&SavedSegment> for Segment {
+    fn from(saved: &SavedSegment) -> Self {
+        let pose_of = |of: &SavedPose| {
+            let SavedPose { stamp, start_from_robot, travel_m, scan } = *of;
+            SegmentPose { stamp, start_from_robot, travel_m, scan }
+        };
+        Self {
+            poses: saved.poses.iter().map(pose_of).collect(),
+            start_from_end: pose(saved.end),
+            covariance: Matrix3::from_column_slice(&saved.covariance),
+            travel_m: saved.travel_m,
+            rotation_rad: saved.rotation_rad,
+        }
+    }
+}
+
+fn numbers(pose: PoseF64) -> [f64; 3] {
+    [pose.x, pose.y, pose.heading]
+}
+
+fn pose([x, y, heading]: [f64; 3]) -> PoseF64 {
+    PoseF64::new(x, y, heading)
+}
+
+fn elements(matrix: &Matrix3<f64>) -> [f64; 9] {
+    std::array::from_fn(|index| matrix[index])
+}

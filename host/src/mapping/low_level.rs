@@ -1,0 +1,75 @@
+//! What the high level asks of what places scans below it, and what the two tell one another.
+
+use lrfslam_core::geometry::{Point2, Pose2};
+use lrfslam_core::laser_odometry;
+use serde::Serialize;
+
+use crate::scans::store::ScanStore;
+
+/// What places scans.
+pub trait LowLevel {
+    /// Goes on with a map of nothing but the scans that `correction` names among `scans`; returns the pose from which the next scan will
+    /// have moved: in that map, or in a frame of its own that does not jump.
+    ///
+    /// # Errors
+    /// If a scan has more points or beams than there is memory for.
+    fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> anyhow::Result<Pose2>;
+    /// Poses of the best particle at every step that the filter took; empty for matching alone.
+    fn path(&self) -> Vec<Pose2>;
+    /// True if particles correct what matching finds.
+    fn has_particles(&self) -> bool;
+    /// How the matching went.
+    fn counts(&self) -> MatchCounts;
+}
+
+/// What the low level says of a scan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LowPose {
+    /// Pose of the robot in the low level's map.
+    pub map_from_robot: Pose2,
+    /// Direction in that map about which the scene says nothing.
+    pub undetermined: Option<Point2>,
+    /// The scan agrees too little with the map for the pose to be believed.
+    pub is_lost: bool,
+}
+
+/// What the low level is to go on with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Correction {
+    /// Pose of the robot.
+    pub map_from_robot: Pose2,
+    /// Its map: poses, and the places of the stored scans taken there.
+    pub reference: Vec<(Pose2, u32)>,
+}
+
+/// How the matching went, over a run.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct MatchCounts {
+    /// Scans that agreed too little with the reference for their pose to be believed.
+    pub lost_scans: u64,
+    /// Scans whose scene left an axis undetermined, e.g. a featureless corridor.
+    pub undetermined_scans: u64,
+    /// Scans that went into the reference.
+    pub key_scans: u64,
+    /// Generations of the search.
+    pub generations: u64,
+    /// Points after the filter.
+    pub points: u64,
+    /// Points that found the pool of cells full.
+    pub dropped_points: u64,
+    /// Tiles of cells that were forgotten for nearer ones.
+    pub forgotten_tiles: u64,
+}
+
+impl MatchCounts {
+    /// Counts a step.
+    pub(crate) fn add(&mut self, step: &laser_odometry::StepReport) {
+        self.lost_scans += u64::from(step.is_lost);
+        self.undetermined_scans += u64::from(step.matched.undetermined.is_some());
+        self.key_scans += u64::from(step.is_key);
+        self.generations += u64::from(step.matched.generations);
+        self.points += step.points as u64;
+        self.dropped_points += u64::from(step.inserted.dropped);
+        self.forgotten_tiles += u64::from(step.inserted.evicted);
+    }
+}

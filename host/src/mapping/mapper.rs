@@ -1,0 +1,192 @@
+//! The seam between a stream of scans and the SLAM: scans in, poses of the robot out.
+
+use lrfslam_core::distributed_map::WindowMemoryError;
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::laser_odometry::LaserOdometry;
+use lrfslam_core::low_slam::{LowSlam, LowSlamMemoryError};
+use lrfslam_core::ndt::NdtMemoryError;
+use lrfslam_core::scan::RangeScan;
+use lrfslam_core::slam::{ScanCapacityError, Slam, StepReport};
+use rand_core::SeedableRng as _;
+use rand_pcg::Pcg32;
+use std::time::{Duration as WallDuration, Instant as WallInstant};
+
+use super::memory::{MapperMemory, SIDE, WindowSlots};
+use super::threads::weigh_on_threads;
+use super::{Correction, LowLevel, MatchCounts};
+use crate::config::RunConfig;
+use crate::mapping::genealogy::Genealogy;
+use crate::scans::store::ScanStore;
+
+/// Turns scans into poses.
+#[derive(Debug)]
+pub struct Mapper<'m> {
+    engine: Engine<'m>,
+    rng: Pcg32,
+    last_odometry: Option<Pose2>,
+    counts: MatchCounts,
+}
+
+#[derive(Debug)]
+enum Engine<'m> {
+    /// Matching alone.
+    Matcher(Box<LaserOdometry<'m>>),
+    /// Particles over whole maps.
+    DpSlam(Box<DpSlam<'m>>),
+}
+
+#[derive(Debug)]
+struct DpSlam<'m> {
+    slam: Slam<'m, SIDE>,
+    /// One window for each thread.
+    windows: &'m mut [WindowSlots],
+    genealogy: Genealogy,
+    best: usize,
+}
+
+/// Where the time of one scan went.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct StageTimes {
+    /// Matching the scan, and moving the particles.
+    pub matching: WallDuration,
+    /// Weighing the particles.
+    pub weighing: WallDuration,
+    /// Resampling, and printing the scan into the particles' maps.
+    pub printing: WallDuration,
+}
+
+/// The memory lent to a [`Mapper`] does not fit its configuration.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MapperMemoryError {
+    /// That of the matcher.
+    #[error(transparent)]
+    Ndt(#[from] NdtMemoryError),
+    /// That of the particles.
+    #[error(transparent)]
+    Particles(#[from] LowSlamMemoryError),
+    /// Its windows.
+    #[error(transparent)]
+    Window(#[from] WindowMemoryError),
+}
+
+impl<'m> Mapper<'m> {
+    /// A mapper that has seen nothing; `seed` starts its random numbers.
+    ///
+    /// # Errors
+    /// If the memory does not fit the configuration.
+    pub fn new(config: &RunConfig, seed: u64, memory: &'m mut MapperMemory) -> Result<Self, MapperMemoryError> {
+        let MapperMemory { odometry, particles } = memory;
+        let odometry = LaserOdometry::new(&config.laser_odometry(), odometry.lend())?;
+        let engine = match particles {
+            None => Engine::Matcher(Box::new(odometry)),
+            Some(memory) => {
+                let (lent, windows) = memory.lend();
+                let filter = LowSlam::new(&config.low_slam(), seed, lent)?;
+                let slam = Slam::new(&config.steps, &config.motion, odometry, filter);
+                Engine::DpSlam(Box::new(DpSlam { slam, windows, genealogy: Genealogy::default(), best: 0 }))
+            }
+        };
+        Ok(Self { engine, rng: Pcg32::seed_from_u64(seed), last_odometry: None, counts: MatchCounts::default() })
+    }
+
+    /// Takes the next scan.
+    ///
+    /// * `robot_from_lrf` — where the laser sits on the robot
+    /// * `odometry` — the robot's pose by its odometry, if that is to be the prediction
+    ///
+    /// # Errors
+    /// If the scan has more points or beams than there is memory for.
+    pub fn add_scan(
+        &mut self,
+        scan: &RangeScan<'_>,
+        robot_from_lrf: Pose2,
+        odometry: Option<Pose2>,
+    ) -> Result<(StepReport, StageTimes), ScanCapacityError> {
+        let displacement = self.last_odometry.zip(odometry).map(|(last, now)| last.between(now));
+        let started = WallInstant::now();
+        let done = match &mut self.engine {
+            Engine::Matcher(matcher) => {
+                let odometry = matcher.step(scan, robot_from_lrf, displacement, &mut self.rng)?;
+                let step = StepReport { map_from_robot: odometry.matched.map_from_robot, odometry, filter: None };
+                (step, StageTimes { matching: started.elapsed(), ..StageTimes::default() })
+            }
+            Engine::DpSlam(engine) => engine.add_scan(scan, robot_from_lrf, displacement, &mut self.rng)?,
+        };
+        self.last_odometry = odometry;
+        self.counts.add(&done.0.odometry);
+        Ok(done)
+    }
+}
+
+impl LowLevel for Mapper<'_> {
+    fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> anyhow::Result<Pose2> {
+        let Correction { map_from_robot, reference } = correction;
+        match &mut self.engine {
+            Engine::Matcher(matcher) => matcher.restart_at(*map_from_robot),
+            Engine::DpSlam(engine) => engine.restart_at(*map_from_robot),
+        }
+        let mut beams = Vec::new();
+        for (map_from_scan, scan) in reference {
+            let Some(sweep) = scans.sweep(*scan as usize, &mut beams) else { continue };
+            let dropped = match &mut self.engine {
+                Engine::Matcher(matcher) => matcher.refer_to(&sweep, *map_from_scan)?,
+                Engine::DpSlam(engine) => engine.slam.refer_to(&sweep, *map_from_scan)?,
+            };
+            self.counts.dropped_points += u64::from(dropped);
+        }
+        Ok(*map_from_robot)
+    }
+
+    /// The best particle's own history.
+    fn path(&self) -> Vec<Pose2> {
+        match &self.engine {
+            Engine::Matcher(_) => Vec::new(),
+            Engine::DpSlam(engine) => engine.genealogy.path(engine.best),
+        }
+    }
+
+    fn has_particles(&self) -> bool {
+        matches!(self.engine, Engine::DpSlam(_))
+    }
+
+    fn counts(&self) -> MatchCounts {
+        self.counts
+    }
+}
+
+impl DpSlam<'_> {
+    fn restart_at(&mut self, map_from_robot: Pose2) {
+        self.slam.restart_at(map_from_robot);
+        self.genealogy = Genealogy::default();
+        self.best = 0;
+    }
+
+    fn add_scan(
+        &mut self,
+        scan: &RangeScan<'_>,
+        robot_from_lrf: Pose2,
+        displacement: Option<Pose2>,
+        rng: &mut Pcg32,
+    ) -> Result<(StepReport, StageTimes), ScanCapacityError> {
+        let started = WallInstant::now();
+        let mut weighed = None;
+        let windows = &mut *self.windows;
+        let step = self.slam.step_with(scan, robot_from_lrf, displacement, rng, |weighing, samples, own| {
+            let begun = WallInstant::now();
+            weigh_on_threads(weighing, samples, own, windows);
+            weighed = Some((begun, WallInstant::now()));
+        })?;
+        if let Some(filter) = &step.filter {
+            self.genealogy.add(self.slam.filter().particles());
+            self.best = filter.best;
+        }
+        let times = match weighed {
+            None => StageTimes { matching: started.elapsed(), ..StageTimes::default() },
+            Some((begun, ended)) => {
+                StageTimes { matching: begun - started, weighing: ended - begun, printing: ended.elapsed() }
+            }
+        };
+        Ok((step, times))
+    }
+}

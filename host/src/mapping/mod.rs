@@ -1,0 +1,12 @@
+//! Scans in, poses and a map out, at each level; and the map kept to go on with.
+
+pub mod genealogy;
+pub mod high;
+mod low_level;
+pub mod mapper;
+mod memory;
+pub mod saved_map;
+mod threads;
+
+pub use low_level::{Correction, LowLevel, LowPose, MatchCounts};
+pub use memory::{MapperMemory, MemoryConfig, ParticlePools};

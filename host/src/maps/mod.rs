@@ -1,0 +1,6 @@
+//! Maps as they are drawn and written: grids of occupancy, pictures, clouds of points.
+
+pub mod cloud;
+pub mod io;
+pub mod occupancy;
+pub mod picture;

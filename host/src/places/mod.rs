@@ -1,0 +1,10 @@
+//! Places recognised, and poses solved for: what closes loops, and what finds the robot in a known map.
+
+pub mod closing;
+pub mod correlation;
+pub mod pose_graph;
+mod reach;
+pub mod submap;
+
+pub use closing::ClosureConfig;
+pub use reach::{Reach, reach_from};

@@ -1,0 +1,209 @@
+//! How far a map is to be trusted: what the run noticed of itself, for `run.json` and in one plain sentence.
+
+use lrfslam_core::geometry::Point2;
+use lrfslam_core::time::Instant;
+use serde::Serialize;
+
+use crate::mapping::LowPose;
+use crate::trajectory::TimedPose;
+
+/// A path is measured from point to point so far apart, m: a robot that stands does not travel.
+const POINTS_APART_M: f32 = 0.1;
+/// Stretches with no more good scans than this between them are one.
+const GOOD_BETWEEN: usize = 5;
+/// A map of a shorter path has nothing to close, m.
+const LOOP_PATH_M: f64 = 30.0;
+/// A length is a guess if the robot drove farther than this while an axis was undetermined, m.
+const GUESSED_M: f64 = 1.0;
+/// So many scans in a row that fit nowhere, and the robot may have been carried away meanwhile.
+const LOST_SCANS: usize = 5;
+
+/// How a scan agreed with the map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fit {
+    /// It does, along every axis.
+    Well,
+    /// The scene said nothing about an axis.
+    Undetermined,
+    /// Too little to be believed.
+    Lost,
+}
+
+impl From<&LowPose> for Fit {
+    fn from(low: &LowPose) -> Self {
+        match (low.is_lost, low.undetermined) {
+            (true, _) => Self::Lost,
+            (false, Some(_)) => Self::Undetermined,
+            (false, None) => Self::Well,
+        }
+    }
+}
+
+/// Scans in a row with the same trouble.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Stretch {
+    /// From the first scan of the run to the first of these, s.
+    pub from_s: f64,
+    /// And to the last of these.
+    pub to_s: f64,
+    /// Scans in trouble.
+    pub scans: usize,
+    /// Way of the robot meanwhile, as far as the path knows it, m.
+    pub path_m: f64,
+}
+
+/// What a run noticed of itself.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Quality {
+    /// Length of the path, m.
+    pub path_m: f64,
+    /// Width and height of the known part of the map, m; none if nothing is known.
+    pub map_size_m: Option<[f64; 2]>,
+    /// Loops closed; none at a level that closes none.
+    pub loops_closed: Option<u64>,
+    /// Share of the scans that fit the map and determine every axis.
+    pub matched_well: f64,
+    /// Where scans agreed too little with the map to be believed.
+    pub lost: Vec<Stretch>,
+    /// Where the scene left an axis undetermined, such as the one along a bare corridor.
+    pub undetermined: Vec<Stretch>,
+    /// In one sentence, how far to trust the map.
+    pub trust: String,
+}
+
+impl Quality {
+    /// What a run noticed whose scans agreed with the map like this, in their order.
+    ///
+    /// * `trajectory` — the pose of each of these scans
+    /// * `loops_closed` — none at a level that closes none
+    pub fn of(
+        fits: &[(Instant, Fit)],
+        trajectory: &[TimedPose],
+        map_size_m: Option<[f64; 2]>,
+        loops_closed: Option<u64>,
+    ) -> Self {
+        let well = fits.iter().filter(|(_, fit)| *fit == Fit::Well).count();
+        let mut quality = Self {
+            path_m: path_length_m(trajectory),
+            map_size_m,
+            loops_closed,
+            matched_well: well as f64 / fits.len().max(1) as f64,
+            lost: stretches(fits, trajectory, Fit::Lost),
+            undetermined: stretches(fits, trajectory, Fit::Undetermined),
+            trust: String::new(),
+        };
+        quality.trust = trust(&quality);
+        quality
+    }
+}
+
+fn path_length_m(path: &[TimedPose]) -> f64 {
+    let mut last: Option<Point2> = None;
+    let mut length_m = 0.0;
+    for point in path.iter().map(|pose| pose.map_from_robot.position()) {
+        let step_m = last.map_or(f32::MAX, |last| (point - last).norm());
+        if step_m >= POINTS_APART_M {
+            length_m += if last.is_some() { f64::from(step_m) } else { 0.0 };
+            last = Some(point);
+        }
+    }
+    length_m
+}
+
+/// Runs of scans that are `fit`, longest first.
+fn stretches(fits: &[(Instant, Fit)], path: &[TimedPose], fit: Fit) -> Vec<Stretch> {
+    let start = fits.first().map_or(Instant::default(), |(stamp, _)| *stamp);
+    let mut found: Vec<[usize; 3]> = Vec::new();
+    for (index, _) in fits.iter().enumerate().filter(|(_, scan)| scan.1 == fit) {
+        match found.last_mut() {
+            Some([_, last, count]) if index - *last <= GOOD_BETWEEN + 1 => (*last, *count) = (index, *count + 1),
+            _ => found.push([index, index, 1]),
+        }
+    }
+    let seconds = |index: usize| fits[index].0.since(start).micros as f64 / 1e6;
+    let stretch = |[first, last, scans]: [usize; 3]| Stretch {
+        from_s: seconds(first),
+        to_s: seconds(last),
+        scans,
+        path_m: path.get(first..=last).map_or(0.0, path_length_m),
+    };
+    let mut stretches: Vec<Stretch> = found.into_iter().map(stretch).collect();
+    stretches.sort_by(|a, b| b.scans.cmp(&a.scans).then(a.from_s.total_cmp(&b.from_s)));
+    stretches
+}
+
+/// One plain sentence.
+fn trust(quality: &Quality) -> String {
+    let Quality { path_m, map_size_m, loops_closed, lost, undetermined, .. } = quality;
+    let lost = lost.iter().find(|stretch| stretch.scans >= LOST_SCANS);
+    let guessed_m: f64 = undetermined.iter().map(|stretch| stretch.path_m).filter(|m| *m > GUESSED_M).sum();
+    if map_size_m.is_none() {
+        "there is no map".to_owned()
+    } else if let Some(Stretch { from_s, to_s, scans, .. }) = lost {
+        format!(
+            "do not trust lengths across {from_s:.0} to {to_s:.0} s: {scans} scans fit nowhere, and what was mapped before and after may lie displaced"
+        )
+    } else if guessed_m > 0.0 {
+        format!("trust it but along {guessed_m:.0} m of way that looked the same all along: lengths there are a guess")
+    } else if *path_m > LOOP_PATH_M && loops_closed.unwrap_or(0) == 0 {
+        "trust what lies near together; no loop was closed, so nothing checks places far apart along the path"
+            .to_owned()
+    } else {
+        "every part fits the rest: trust it".to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lrfslam_core::geometry::Pose2;
+
+    fn drive(fits: &[Fit]) -> (Vec<(Instant, Fit)>, Vec<TimedPose>) {
+        let stamp = |i: usize| Instant::from_micros(7_000_000 + 500_000 * i as i64);
+        let pose = |i: usize| TimedPose { stamp: stamp(i), map_from_robot: Pose2::new(0.25 * i as f32, 0.0, 0.0) };
+        (fits.iter().enumerate().map(|(i, fit)| (stamp(i), *fit)).collect(), (0..fits.len()).map(pose).collect())
+    }
+
+    #[test]
+    fn scans_in_the_same_trouble_are_one_stretch() {
+        let mut fits = vec![Fit::Well; 60];
+        fits[10] = Fit::Lost;
+        fits[14] = Fit::Lost;
+        fits[30..50].fill(Fit::Undetermined);
+        fits[59] = Fit::Lost;
+        let (fits, path) = drive(&fits);
+        let lost = stretches(&fits, &path, Fit::Lost);
+        let expected = Stretch { from_s: 5.0, to_s: 7.0, scans: 2, path_m: 1.0 };
+        assert_eq!((lost.len(), lost[0]), (2, expected));
+        let corridor = Stretch { from_s: 15.0, to_s: 24.5, scans: 20, path_m: 4.75 };
+        assert_eq!(stretches(&fits, &path, Fit::Undetermined), [corridor]);
+        assert_eq!(path_length_m(&path), 14.75);
+    }
+
+    #[test]
+    fn a_standing_robot_does_not_travel() {
+        let at = |i: i32| TimedPose {
+            stamp: Instant::from_micros(i64::from(i)),
+            map_from_robot: Pose2::new(0.02 * (i % 3) as f32, 0.0, 0.0),
+        };
+        assert_eq!(path_length_m(&(0..1000).map(at).collect::<Vec<_>>()), 0.0);
+    }
+
+    #[test]
+    fn the_worst_is_what_is_said() {
+        let good =
+            Quality { path_m: 100.0, map_size_m: Some([10.0, 10.0]), loops_closed: Some(2), ..Quality::default() };
+        let stretch = |scans, path_m| Stretch { from_s: 10.0, to_s: 20.0, scans, path_m };
+        assert!(trust(&Quality::default()).contains("no map"));
+        assert!(trust(&good).contains("trust it"));
+        assert!(trust(&Quality { loops_closed: Some(0), ..good.clone() }).contains("no loop was closed"));
+        let corridor = Quality { undetermined: vec![stretch(50, 12.0)], ..good.clone() };
+        assert!(trust(&corridor).contains("12 m of way"));
+        let lost = Quality { lost: vec![stretch(50, 1.0)], ..corridor };
+        assert!(trust(&lost).contains("10 to 20 s"));
+        assert!(
+            trust(&Quality { lost: vec![stretch(1, 0.1)], ..good }).contains("trust it"),
+            "a single scan is no harm"
+        );
+    }
+}

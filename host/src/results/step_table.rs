@@ -1,0 +1,112 @@
+//! What the particle filter did, step by step: `steps.csv`, and its summary for `run.json`.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::time::Duration as WallDuration;
+
+use anyhow::Context as _;
+use lrfslam_core::low_slam::StepReport;
+use lrfslam_core::time::Instant;
+use serde::Serialize;
+
+use crate::mapping::mapper::StageTimes;
+use crate::output::write_file;
+
+const HEADER: &str = "scan,stamp_s,effective_sample_size,particles,resampled,nodes,depth,tiles,dropped,squares_left_out,\
+                      rays_cut,matching_us,weighing_us,printing_us\n";
+
+/// Over a run.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct ParticleSummary {
+    /// Steps that the filter took.
+    pub steps: u64,
+    /// Particles alive, on average.
+    pub particles_mean: f64,
+    /// Effective sample size, on average.
+    pub effective_sample_size_mean: f64,
+    /// Nodes of the ancestry tree, at most.
+    pub nodes_max: usize,
+    /// Depth of the tree, at most.
+    pub depth_max: usize,
+    /// Tiles of all maps, at most.
+    pub tiles_max: usize,
+    /// Particles that went because the tiles were used up.
+    pub dropped: u64,
+    /// Squares that found no tile.
+    pub squares_left_out: u64,
+    /// Rays that left the window.
+    pub rays_cut: u64,
+    /// Time for matching the scans of steps, s.
+    pub matching_s: f64,
+    /// Time for weighing, s.
+    pub weighing_s: f64,
+    /// Time for resampling and printing, s.
+    pub printing_s: f64,
+}
+
+/// See the [module](self).
+#[derive(Debug, Default)]
+pub struct StepTable {
+    text: String,
+    sums: ParticleSummary,
+}
+
+impl StepTable {
+    /// Takes a step; `scan` counts from 0.
+    pub fn add(&mut self, stamp: Instant, scan: usize, step: &StepReport, times: &StageTimes) {
+        let micros = |time: WallDuration| time.as_micros();
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            self.text,
+            "{scan},{:.6},{:.2},{},{},{},{},{},{},{},{},{},{},{}",
+            stamp.as_secs_f64(),
+            step.effective_sample_size,
+            step.particles,
+            u8::from(step.resampled),
+            step.nodes,
+            step.depth,
+            step.tiles,
+            step.dropped,
+            step.squares_left_out,
+            step.rays_cut,
+            micros(times.matching),
+            micros(times.weighing),
+            micros(times.printing),
+        );
+        let sums = &mut self.sums;
+        sums.steps += 1;
+        sums.particles_mean += step.particles as f64;
+        sums.effective_sample_size_mean += f64::from(step.effective_sample_size);
+        sums.nodes_max = sums.nodes_max.max(step.nodes);
+        sums.depth_max = sums.depth_max.max(step.depth);
+        sums.tiles_max = sums.tiles_max.max(step.tiles);
+        sums.dropped += step.dropped as u64;
+        sums.squares_left_out += u64::from(step.squares_left_out);
+        sums.rays_cut += u64::from(step.rays_cut);
+        sums.matching_s += times.matching.as_secs_f64();
+        sums.weighing_s += times.weighing.as_secs_f64();
+        sums.printing_s += times.printing.as_secs_f64();
+    }
+
+    /// `None` if there was no step.
+    pub fn summary(&self) -> Option<ParticleSummary> {
+        let steps = self.sums.steps as f64;
+        (self.sums.steps > 0).then(|| ParticleSummary {
+            particles_mean: self.sums.particles_mean / steps,
+            effective_sample_size_mean: self.sums.effective_sample_size_mean / steps,
+            ..self.sums
+        })
+    }
+
+    /// Writes the table to `file`; nothing if there was no step.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, file: &Path) -> anyhow::Result<()> {
+        if self.sums.steps == 0 {
+            return Ok(());
+        }
+        let text = format!("{HEADER}{}", self.text);
+        write_file(file, text.as_bytes()).with_context(|| format!("{}: cannot be written", file.display()))
+    }
+}

@@ -1,0 +1,163 @@
+//! A localisation under way: scans in, and at the end a folder with the path, what is known at every scan, and a report.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use anyhow::Context as _;
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::scan::RangeScan;
+use lrfslam_core::time::Instant;
+use serde::Serialize;
+
+use crate::config::RunConfig;
+use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerMemory, Located};
+use crate::maps::occupancy::OccupancyMap;
+use crate::maps::picture::{PictureNotes, write_picture};
+use crate::output::write_file;
+use crate::program::Program;
+use crate::results::report::{Ending, Source};
+use crate::trajectory::{TimedPose, write_trajectory};
+
+const HEADER: &str =
+    "scan,time_s,state,x_m,y_m,heading_deg,sigma_x_m,sigma_y_m,sigma_heading_deg,certainty,on_walls,contradicting\n";
+
+/// Name of the picture.
+const PICTURE: &str = "localization.png";
+
+/// What a localisation was: `run.json`.
+#[derive(Debug, Clone, Serialize)]
+pub struct LocalizeReport {
+    /// Name and version of the program.
+    pub program: Program,
+    /// Folder of the map.
+    pub map: String,
+    /// Version of the program that made the map.
+    pub map_program: String,
+    /// Where the scans came from.
+    #[serde(flatten)]
+    pub source: Source,
+    /// Every value used.
+    pub config: RunConfig,
+    /// Of the random numbers.
+    pub seed: u64,
+    /// Pose that the user gave: x, y (m), heading (degrees).
+    pub start: Option<[f32; 3]>,
+    /// What happened.
+    pub localisation: LocalizeCounts,
+    /// From the first scan to the first one with a pose, s; none if there is none.
+    pub first_found_after_s: Option<f64>,
+    /// Not all scans of the log are in the results.
+    pub partial: bool,
+    /// How the run ended.
+    pub ending: Ending,
+    /// What ended it early, if anything did.
+    pub fault: Option<String>,
+}
+
+/// See the [module](self).
+#[derive(Debug)]
+pub struct LocalizeRun<'m> {
+    localizer: Localizer<'m>,
+    map: &'m KnownMap,
+    path: Vec<TimedPose>,
+    table: String,
+    scans: u64,
+    first: Option<Instant>,
+    first_found: Option<Instant>,
+}
+
+impl<'m> LocalizeRun<'m> {
+    /// A robot somewhere in `map`, or at `start`.
+    ///
+    /// # Errors
+    /// If the memory does not fit the configuration and the map.
+    pub fn new(
+        (config, seed): (&RunConfig, u64),
+        map: &'m KnownMap,
+        start: Option<Pose2>,
+        memory: &'m mut LocalizerMemory,
+    ) -> anyhow::Result<Self> {
+        let localizer = Localizer::new(config, seed, map, start, memory)?;
+        let (table, path) = (HEADER.to_owned(), Vec::new());
+        Ok(Self { localizer, map, path, table, scans: 0, first: None, first_found: None })
+    }
+
+    /// Takes the next scan; `None` while the robot has not found itself.
+    ///
+    /// * `robot_from_lrf` — where the laser sits on the robot
+    ///
+    /// # Errors
+    /// If the scan has too many points for the memory.
+    pub fn add_scan(&mut self, scan: &RangeScan<'_>, robot_from_lrf: Pose2) -> anyhow::Result<Option<Located>> {
+        let located = self.localizer.add_scan(scan, robot_from_lrf)?;
+        self.first.get_or_insert(scan.stamp);
+        // Writing to a string cannot fail.
+        let _ = write!(self.table, "{},{:.6},", self.scans, scan.stamp.as_secs_f64());
+        match &located {
+            None => self.table.push_str("searching,,,,,,,0,,\n"),
+            Some(located) => {
+                self.first_found.get_or_insert(scan.stamp);
+                push_row(&mut self.table, located);
+                self.path.push(TimedPose { stamp: scan.stamp, map_from_robot: located.map_from_robot });
+            }
+        }
+        self.scans += 1;
+        Ok(located)
+    }
+
+    /// Scans taken so far.
+    pub fn scans(&self) -> u64 {
+        self.scans
+    }
+
+    /// What happened so far.
+    pub fn counts(&self) -> LocalizeCounts {
+        self.localizer.counts()
+    }
+
+    /// Writes the results as they are now into `folder`.
+    ///
+    /// * `describe` — completes the report
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write_into(
+        &self,
+        folder: &Path,
+        describe: impl FnOnce(LocalizeCounts, Option<f64>) -> LocalizeReport,
+    ) -> anyhow::Result<LocalizeReport> {
+        let after = self.first.zip(self.first_found).map(|(first, found)| found.since(first).micros as f64 / 1e6);
+        let report = describe(self.localizer.counts(), after);
+        write_trajectory(&folder.join("trajectory.tum"), &self.path)?;
+        let text = serde_json::to_string_pretty(&report)? + "\n";
+        for (name, text) in [("localization.csv", &self.table), ("run.json", &text)] {
+            let file = folder.join(name);
+            write_file(&file, text.as_bytes()).with_context(|| format!("{}: cannot be written", file.display()))?;
+        }
+        let picture = folder.join(PICTURE);
+        draw(self.map, &self.path, &report, &picture)
+            .with_context(|| format!("{}: cannot be written", picture.display()))?;
+        Ok(report)
+    }
+}
+
+/// The path over the map that it was found in.
+fn draw(map: &KnownMap, poses: &[TimedPose], report: &LocalizeReport, file: &Path) -> std::io::Result<()> {
+    let mut drawn = OccupancyMap::new(report.config.map);
+    map.draw(&mut drawn);
+    let Some(raster) = drawn.raster(report.config.map.picture_px) else { return Ok(()) };
+    write_picture(file, &raster, poses, &PictureNotes { truth: &[], has_times: report.source.has_times() })
+}
+
+fn push_row(table: &mut String, located: &Located) {
+    let Located { map_from_robot: pose, covariance, certainty, on_walls, contradicting } = located;
+    let [x, y, heading] = [0, 1, 2].map(|axis| covariance[(axis, axis)].max(0.0).sqrt());
+    let _ = writeln!(
+        table,
+        "tracking,{:.4},{:.4},{:.3},{x:.4},{y:.4},{:.3},{certainty:.3},{on_walls:.3},{contradicting:.3}",
+        pose.x,
+        pose.y,
+        pose.heading.to_degrees(),
+        heading.to_degrees(),
+    );
+}

@@ -1,0 +1,142 @@
+//! What a run leaves: trajectory, map, picture, steps, saved map and report, written as often as is wanted.
+
+use std::borrow::Cow;
+use std::path::Path;
+use std::time::Instant as WallInstant;
+
+use anyhow::Context as _;
+
+use super::Run;
+use crate::mapping::LowLevel;
+use crate::mapping::high::HighSlam;
+use crate::mapping::saved_map::{self, SavedMap};
+use crate::maps::io::{PGM_SIDE_MAX, write_map};
+use crate::maps::occupancy::OccupancyMap;
+use crate::maps::picture::{PictureNotes, write_picture};
+use crate::output::write_file;
+use crate::program::Program;
+use crate::results::quality::Quality;
+use crate::results::report::{Cost, Ending, RunReport, Source, peak_memory_bytes};
+use crate::trajectory::{TimedPose, write_trajectory};
+
+/// What a run does not know of itself.
+#[derive(Debug, Clone)]
+pub struct About {
+    /// Where the scans came from.
+    pub source: Source,
+    /// The log's odometry was used.
+    pub odometry: bool,
+    /// How it ended, or that it goes on.
+    pub ending: Ending,
+    /// What ended it early, if anything did.
+    pub fault: Option<String>,
+}
+
+impl<L: LowLevel> Run<'_, L> {
+    /// Writes the results as they are now into `folder`; the run can go on.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write_into(&mut self, folder: &Path, about: &About) -> anyhow::Result<RunReport> {
+        let started = WallInstant::now();
+        let trajectory = self.trajectory();
+        let map = self.drawn(&trajectory);
+        let saved = self.saved_map(&trajectory)?;
+        // Without a known cell there is nothing to draw; the report says how many beams hit.
+        let raster = map.raster(PGM_SIDE_MAX);
+        if let Some(raster) = &raster {
+            write_map(folder, raster).with_context(|| cannot_write(&folder.join("map.pgm")))?;
+        }
+        if let Some(raster) = map.raster(self.config.map.picture_px) {
+            let file = folder.join("map.png");
+            write_picture(
+                &file,
+                &raster,
+                &trajectory,
+                &PictureNotes { truth: &[], has_times: about.source.has_times() },
+            )
+            .with_context(|| cannot_write(&file))?;
+        }
+        let size_m = raster.map(|raster| [raster.width, raster.height].map(|side| side as f64 * raster.pixel_size_m));
+        let fits: Vec<_> = self.places.iter().map(|place| (place.stamp, place.fit)).collect();
+        let quality = Quality::of(&fits, &trajectory, size_m, self.high_counts().map(|high| high.closures));
+        self.steps.write(&folder.join("steps.csv"))?;
+        write_trajectory(&folder.join("trajectory.tum"), &trajectory)?;
+        saved.write(folder).with_context(|| cannot_write(&folder.join(saved_map::FILE_NAME)))?;
+        self.working += started.elapsed();
+        let report = self.report(about, quality);
+        let file = folder.join("run.json");
+        let text = serde_json::to_string_pretty(&report)? + "\n";
+        write_file(&file, text.as_bytes()).with_context(|| cannot_write(&file))?;
+        Ok(report)
+    }
+
+    /// All that is needed to draw the map again.
+    fn saved_map(&self, trajectory: &[TimedPose]) -> anyhow::Result<SavedMap> {
+        if let Some(high) = &self.high {
+            return Ok(SavedMap::new(&self.config, high));
+        }
+        let mut scans = vec![None; trajectory.len()];
+        for (scan, place) in self.drawn.iter().enumerate() {
+            scans[*place] = u32::try_from(scan).ok();
+        }
+        let path = trajectory.iter().copied().zip(scans);
+        let high = HighSlam::of_path(&self.config.high_slam(), path, self.scans.clone())?;
+        Ok(SavedMap::new(&self.config, &high))
+    }
+
+    /// The kept scans, drawn from the path of the highest level.
+    fn drawn(&self, trajectory: &[TimedPose]) -> Cow<'_, OccupancyMap> {
+        if self.high.is_none() && !self.low.has_particles() {
+            return Cow::Borrowed(&self.map);
+        }
+        let mut map = OccupancyMap::new(self.config.map);
+        if let Some(high) = &self.high {
+            high.draw(&mut map);
+            return Cow::Owned(map);
+        }
+        let mut beams = Vec::new();
+        for (scan, place) in self.drawn.iter().enumerate() {
+            if let (Some(sweep), Some(pose)) = (self.scans.sweep(scan, &mut beams), trajectory.get(*place)) {
+                map.insert(&sweep.scan, pose.map_from_robot * sweep.robot_from_lrf);
+            }
+        }
+        Cow::Owned(map)
+    }
+
+    fn report(&self, about: &About, quality: Quality) -> RunReport {
+        RunReport {
+            program: Program::THIS,
+            source: about.source.clone(),
+            continues: self.continues.clone(),
+            config: self.config,
+            seed: self.seed,
+            odometry: about.odometry,
+            beams: self.beams,
+            matching: self.low.counts(),
+            particles: self.steps.summary(),
+            high: self.high_counts(),
+            quality,
+            cost: self.cost(),
+            partial: about.ending != Ending::Complete,
+            ending: about.ending,
+            fault: about.fault.clone(),
+        }
+    }
+
+    fn cost(&self) -> Cost {
+        let ends = self.places.first().zip(self.places.last());
+        let wall_s = self.working.as_secs_f64();
+        Cost {
+            scans: self.places.len() as u64,
+            wall_s,
+            scans_per_s: self.places.len() as f64 / wall_s.max(1e-6),
+            driven_s: ends.map_or(0.0, |(first, last)| last.stamp.since(first.stamp).micros as f64 / 1e6),
+            peak_memory_bytes: peak_memory_bytes(),
+        }
+    }
+}
+
+fn cannot_write(file: &Path) -> String {
+    format!("{}: cannot be written", file.display())
+}

@@ -1,0 +1,5 @@
+//! From scans to a folder of results.
+
+pub mod localize;
+pub mod map;
+pub mod robot;

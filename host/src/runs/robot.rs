@@ -1,0 +1,175 @@
+//! One life of a robot, from its start or from when this host came to the end: what it tells goes to disk, then into path and map.
+
+use anyhow::Context as _;
+use lrfslam_core::geometry::Pose2;
+use lrfslam_robot::wire::message::{FromRobot, Status};
+use lrfslam_robot::wire::session::Progress;
+
+use super::map::{About, Run};
+use crate::config::RunConfig;
+use crate::mapping::high::HighCounts;
+use crate::maps::io::{PGM_SIDE_MAX, pgm, yaml};
+use crate::output::{ResultFolder, write_file};
+use crate::results::report::{Ending, RobotCounts, RunReport, Source};
+use crate::robot::{JOURNAL, Journal, RobotMap, Told};
+
+/// See the [module](super).
+#[derive(Debug)]
+pub struct RobotRun {
+    config: RunConfig,
+    robot_from_lrf: Pose2,
+    run: Run<'static, RobotMap>,
+    journal: Journal,
+    folder: ResultFolder,
+    /// How far the robot's messages have come.
+    progress: Option<Progress>,
+    board: String,
+    status: Status,
+}
+
+impl RobotRun {
+    /// A robot of which nothing is known yet, with results and journal in `folder`.
+    ///
+    /// # Errors
+    /// If the journal cannot be written, or loops are to be closed by particles.
+    pub fn open(folder: ResultFolder, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
+        let run = Run::told(config, seed)?;
+        let journal = Journal::create(&folder.growing(JOURNAL))?;
+        Ok(Self::new(config, run, journal, folder))
+    }
+
+    /// Goes on with what the journal in `folder` holds.
+    ///
+    /// # Errors
+    /// If the journal cannot be read or written, or loops are to be closed by particles.
+    pub fn resume(folder: ResultFolder, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
+        let mut told = Vec::new();
+        let path = folder.growing(JOURNAL);
+        let journal = Journal::resume(&path, |message| told.push((message.at, message.bytes.to_vec())))?;
+        let mut run = Self::new(config, Run::told(config, seed)?, journal, folder);
+        told.iter().try_for_each(|(at, bytes)| run.hear(&Told { at: *at, bytes }))?;
+        Ok(run)
+    }
+
+    fn new(config: &RunConfig, run: Run<'static, RobotMap>, journal: Journal, folder: ResultFolder) -> Self {
+        Self {
+            config: *config,
+            robot_from_lrf: config.robot_from_lrf(),
+            run,
+            journal,
+            folder,
+            progress: None,
+            board: String::new(),
+            status: Status::default(),
+        }
+    }
+
+    /// Takes a message; it is on disk when this returns.
+    ///
+    /// # Errors
+    /// If the journal cannot be written; the message is taken nevertheless. If a scan is too large for the high level.
+    pub fn take(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
+        let stored = self.journal.add(told);
+        self.hear(told)?;
+        stored.with_context(|| format!("{}: cannot be written", self.folder.named().join(JOURNAL).display()))
+    }
+
+    fn hear(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
+        self.progress = Some(Progress { epoch: told.at.epoch, next: told.at.next.wrapping_add(1) });
+        let Some(message) = told.message() else { return Ok(()) };
+        if let FromRobot::Identity(identity) = &message {
+            identity.board.clone_into(&mut self.board);
+        }
+        self.run.take(&message, self.robot_from_lrf)
+    }
+
+    /// How far the robot's messages have come.
+    pub fn progress(&self) -> Option<Progress> {
+        self.progress
+    }
+
+    /// How the robot is.
+    pub fn set_status(&mut self, status: &Status) {
+        self.status = *status;
+    }
+
+    /// How the robot is, as it said last.
+    pub fn status(&self) -> &Status {
+        &self.status
+    }
+
+    /// What it has told of path and map.
+    pub fn map(&self) -> &RobotMap {
+        self.run.robot()
+    }
+
+    /// What the high level did so far, if there is one.
+    pub fn high_counts(&self) -> Option<HighCounts> {
+        self.run.high_counts()
+    }
+
+    /// Writes the results as they are now; the run can go on.
+    ///
+    /// * `port` — where the robot is; `damaged_frames` — of its link
+    /// * `ending` and `fault` — how the run stands, and what ended it early
+    ///
+    /// # Errors
+    /// If a file cannot be written: the last results are still there then.
+    pub fn save(
+        &mut self,
+        (port, damaged_frames): (&str, u32),
+        ending: Ending,
+        fault: Option<&anyhow::Error>,
+    ) -> anyhow::Result<RunReport> {
+        let source = Source::Robot { port: port.to_owned(), robot: self.counts(damaged_frames) };
+        let about = About { source, odometry: false, ending, fault: fault.map(|error| format!("{error:#}")) };
+        let robot_map = self.robot_map();
+        let run = &mut self.run;
+        self.folder.save(|stage| {
+            for (name, bytes) in &robot_map {
+                let file = stage.join(name);
+                write_file(&file, bytes).with_context(|| format!("{}: cannot be written", file.display()))?;
+            }
+            run.write_into(stage, &about)
+        })
+    }
+
+    /// Leaves no journal of a robot that has told nothing of its path.
+    pub fn forget(self) {
+        // Nobody is left to be told.
+        let _ = std::fs::remove_file(self.folder.growing(JOURNAL));
+    }
+
+    /// The folder of the results.
+    pub fn folder(&self) -> &ResultFolder {
+        &self.folder
+    }
+
+    fn counts(&self, damaged_frames: u32) -> RobotCounts {
+        let Status { untold_sweeps, refused_scans, dropped_particles, damaged, restarts, .. } = self.status;
+        let Status { tiles_left, tiles_restored, tiles_forgotten, .. } = self.status;
+        RobotCounts {
+            board: self.board.clone(),
+            is_from_start: self.map().is_from_start(),
+            is_map_complete: self.map().is_complete(),
+            missing_scans: self.map().missing_scans(),
+            untold_sweeps,
+            refused_scans,
+            dropped_particles,
+            tiles_left,
+            tiles_restored,
+            tiles_forgotten,
+            damaged,
+            restarts,
+            damaged_frames,
+        }
+    }
+
+    /// The map as the robot has it: of its best particle, in its squares.
+    fn robot_map(&self) -> Vec<(&'static str, Vec<u8>)> {
+        let map = self.map().draw(self.config.particle_map.square_size_m, &self.config.map);
+        map.raster(PGM_SIDE_MAX).map_or(Vec::new(), |raster| {
+            vec![("robot-map.pgm", pgm(&raster)), ("robot-map.yaml", yaml(&raster, "robot-map.pgm").into_bytes())]
+        })
+    }
+}

@@ -1,0 +1,268 @@
+//! Scans as they come: from a laser at a port, or from a recording of one. The seam behind which the mapper stands.
+//!
+//! [`for_each_scan`] is all there is to call. A live laser is read by a thread of its own, so that a slow mapper loses scans,
+//! which are counted, and not bytes, which would damage them.
+
+mod replay;
+mod words;
+
+use std::fmt;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+
+use lrfslam_core::scan::{Beam, RangeScan};
+use lrfslam_core::time::Instant;
+use lrfslam_lrf::driver::{Counters, Event, Identity};
+
+use crate::scans::driver::{DriverEvent, GaveUp, Opener, RunEnd, Search, run_driver};
+use crate::scans::family::LrfOptions;
+use crate::scans::link::Address;
+use crate::scans::recording::{RecordPlan, Recorder, RecordingEnd, RecordingHeader, RecordingReport};
+use replay::replay;
+use words::Words;
+
+/// Where scans come from.
+#[derive(Debug, Clone)]
+pub enum ScanSource {
+    /// A laser, now.
+    Live(LiveLaser),
+    /// A recording.
+    Recording {
+        /// The file.
+        path: PathBuf,
+        /// As fast as possible instead of as it was.
+        fast: bool,
+    },
+}
+
+/// A laser at a port.
+#[derive(Debug, Clone)]
+pub struct LiveLaser {
+    /// Where it is plugged in.
+    pub address: Address,
+    /// Which it is, and what to ask of it.
+    pub options: LrfOptions,
+    /// It may be of any family: which is found out, and the options' one means nothing.
+    pub any_family: bool,
+    /// Never give up on a laser that is not there.
+    pub waits: bool,
+    /// Write everything to a file.
+    pub record: Option<RecordPlan>,
+}
+
+impl LiveLaser {
+    /// A laser of the family in `options`, given up if it is not there, and not recorded.
+    pub fn new(address: Address, options: LrfOptions) -> Self {
+        Self { address, options, any_family: false, waits: false, record: None }
+    }
+}
+
+/// There is no laser that scans at this port.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NoLaser {
+    /// The port.
+    pub port: String,
+    /// Why it was given up.
+    pub why: GaveUp,
+}
+
+impl fmt::Display for NoLaser {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.why {
+            // It names the port itself.
+            GaveUp::NotOpened(_) => write!(out, "{}", self.why),
+            why => write!(out, "{}: {why}", self.port),
+        }
+    }
+}
+
+impl std::error::Error for NoLaser {}
+
+/// A scan, or what else is worth telling.
+#[derive(Debug)]
+pub enum Item<'a> {
+    /// A scan, whole and verified; stamps are on the host's clock, µs since 1970.
+    Scan(RangeScan<'a>),
+    /// What is plugged in.
+    Identified(&'a Identity),
+    /// Something in words: connected, streaming, trouble and what is done about it.
+    Said(&'a str),
+}
+
+/// How a source ended.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct SourceReport {
+    /// The driver's counters.
+    pub counters: Counters,
+    /// Scans that were not taken in time by a slow consumer.
+    pub overrun: u32,
+    /// The laser confirmed that it is off; true for recordings that say so.
+    pub laser_off: bool,
+    /// What was recorded of a laser that was found.
+    pub recording: Option<RecordingReport>,
+    /// How the recording that was replayed ended, if it was read to its end.
+    pub input: Option<RecordingEnd>,
+}
+
+impl SourceReport {
+    /// Why results are of a part only: what was replayed is damaged. One that was cut is none: all that there is was used.
+    pub fn input_fault(&self) -> Option<String> {
+        self.input.filter(|end| matches!(end, RecordingEnd::Damaged { .. })).map(|end| end.to_string())
+    }
+}
+
+/// Calls `take` with every scan and message of `source`, in order, on this thread, until the source ends, `stop` is set, or
+/// `take` breaks; the laser is then stopped. **This is where a mapper plugs in.**
+///
+/// ```no_run
+/// # use std::{ops::ControlFlow, sync::atomic::AtomicBool};
+/// # use lrfslam_host::{driver::{LrfFamily, LrfOptions}, live::{Item, LiveLaser, ScanSource, for_each_scan}};
+/// let options = LrfOptions::new(LrfFamily::Hokuyo);
+/// let source = ScanSource::Live(LiveLaser::new("/dev/ttyACM0".parse()?, options));
+/// for_each_scan(&source, &AtomicBool::new(false), &mut |item| {
+///     if let Item::Scan(scan) = item {
+///         println!("{} beams at {} s", scan.beams.len(), scan.stamp.as_secs_f64());
+///     }
+///     ControlFlow::Continue(())
+/// })?;
+/// # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
+/// ```
+///
+/// # Errors
+/// If the recording cannot be read, or the file to record to not be made; [`NoLaser`] if nothing at the port scans. After the
+/// first scan a port that is gone is no error: it is told, and tried again.
+pub fn for_each_scan(
+    source: &ScanSource,
+    stop: &AtomicBool,
+    take: &mut dyn FnMut(Item<'_>) -> ControlFlow<()>,
+) -> anyhow::Result<SourceReport> {
+    match source {
+        ScanSource::Live(laser) => live(laser, stop, take),
+        ScanSource::Recording { path, fast } => replay(path, *fast, stop, take),
+    }
+}
+
+/// An event that goes from the laser's thread to the consumer's.
+enum Message {
+    Scan { stamp: Instant, range_max_m: f32, beams: Vec<Beam> },
+    Identified(Box<Identity>),
+    Said(String),
+}
+
+/// Scans that may wait for a slow consumer.
+const WAITING: usize = 64;
+
+fn live(
+    laser: &LiveLaser,
+    stop: &AtomicBool,
+    take: &mut dyn FnMut(Item<'_>) -> ControlFlow<()>,
+) -> anyhow::Result<SourceReport> {
+    let address = laser.address.clone();
+    live_over(laser, &mut || address.open(), stop, take)
+}
+
+/// * `open` — opens the laser's port
+fn live_over(
+    laser: &LiveLaser,
+    open: &mut Opener<'_>,
+    stop: &AtomicBool,
+    take: &mut dyn FnMut(Item<'_>) -> ControlFlow<()>,
+) -> anyhow::Result<SourceReport> {
+    let options = LrfOptions { has_baud: laser.address.has_baud(), ..laser.options.clone() };
+    let header = RecordingHeader {
+        program: concat!("lrfslam ", env!("CARGO_PKG_VERSION")).to_owned(),
+        port: laser.address.to_string(),
+        lrf: options.clone(),
+    };
+    let recorder = laser.record.as_ref().map(|plan| Recorder::new(plan, header)).transpose()?;
+    let (sender, receiver) = sync_channel(WAITING);
+    let (enough, overrun) = (AtomicBool::new(false), AtomicU32::new(0));
+    let (end, laser_off) = std::thread::scope(|scope| {
+        let (enough, overrun) = (&enough, &overrun);
+        let reader = scope.spawn(move || {
+            let mut memories = Vec::new();
+            let search = Search::new(&options, laser.any_family, laser.waits, &mut memories);
+            let mailbox = Mailbox { sender, overrun, enough, stop };
+            read_laser(search, open, recorder, &mailbox, laser.any_family)
+        });
+        consume(&receiver, enough, take);
+        // Only a panic in the reader ends it without a report.
+        reader.join().unwrap_or_default()
+    });
+    if let Some(why) = end.gave_up {
+        return Err(NoLaser { port: laser.address.to_string(), why }.into());
+    }
+    let overrun = overrun.load(Ordering::Relaxed);
+    Ok(SourceReport { counters: end.counters, overrun, laser_off, recording: end.recording, input: None })
+}
+
+/// Gives messages to the consumer until the reader is done; breaking asks the reader to stop.
+fn consume(receiver: &Receiver<Message>, enough: &AtomicBool, take: &mut dyn FnMut(Item<'_>) -> ControlFlow<()>) {
+    while let Ok(message) = receiver.recv() {
+        if enough.load(Ordering::Relaxed) && matches!(message, Message::Scan { .. }) {
+            continue;
+        }
+        let flow = match &message {
+            Message::Scan { stamp, range_max_m, beams } => {
+                take(Item::Scan(RangeScan { stamp: *stamp, range_max_m: *range_max_m, beams }))
+            }
+            Message::Identified(identity) => take(Item::Identified(identity)),
+            Message::Said(text) => take(Item::Said(text)),
+        };
+        if flow.is_break() {
+            enough.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+/// The laser thread's way to the consumer.
+struct Mailbox<'m> {
+    sender: SyncSender<Message>,
+    overrun: &'m AtomicU32,
+    enough: &'m AtomicBool,
+    stop: &'m AtomicBool,
+}
+
+impl Mailbox<'_> {
+    /// A scan that finds no room is dropped and counted; words wait.
+    fn post(&self, message: Message) {
+        match message {
+            Message::Scan { .. } => {
+                if let Err(TrySendError::Full(_)) = self.sender.try_send(message) {
+                    self.overrun.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+            words => {
+                let _ = self.sender.send(words);
+            }
+        }
+    }
+
+    /// Either side may want an end.
+    fn is_over(&self) -> bool {
+        self.enough.load(Ordering::Relaxed) || self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// How the laser's session ended, and whether it confirmed that it is off.
+fn read_laser(
+    search: Search<'_>,
+    open: &mut Opener<'_>,
+    recorder: Option<Recorder>,
+    mailbox: &Mailbox<'_>,
+    any_family: bool,
+) -> (RunEnd, bool) {
+    let mut laser_off = false;
+    let mut words = Words::new(any_family);
+    let end = run_driver(search, open, recorder, &|| mailbox.is_over(), &mut |_, event| {
+        laser_off |= matches!(event, DriverEvent::Driver(Event::Stopped { laser_off: true }));
+        words.tell(event, &mut |message| mailbox.post(message));
+        ControlFlow::Continue(())
+    });
+    (end, laser_off)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,320 @@
+//! Writes a recording: from the moment that a laser is found, up to a size.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Write as _};
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use lrfslam_core::time::Instant;
+use lrfslam_lrf::driver::Input;
+
+use super::{CRC32, HEAD, MAGIC, RecordingHeader};
+use crate::scans::family::LrfFamily;
+
+/// Where to record to, and how much.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecordPlan {
+    /// The file.
+    pub path: PathBuf,
+    /// The file does not get larger than this, bytes.
+    pub max_bytes: u64,
+    /// A file that is there already may go.
+    pub overwrite: bool,
+}
+
+impl RecordPlan {
+    /// * `path` — a file that is not there yet; up to 2000 MB, which is four hours of the fastest laser here (a UTM-30LX, 140 kB/s)
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into(), max_bytes: 2_000_000_000, overwrite: false }
+    }
+}
+
+/// What became of a recording.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecordingReport {
+    /// The file, as it was called when it began.
+    pub path: PathBuf,
+    /// Its size.
+    pub bytes: u64,
+    /// Why it ends before the run did.
+    pub fault: Option<String>,
+}
+
+/// To the file at least this often, µs, so that little is lost however the program ends.
+const SAVE_EVERY_US: i64 = 1_000_000;
+/// To the file when so many bytes wait.
+const BLOCK: usize = 1 << 16;
+/// Kept of a port where no laser is found.
+const SWAMPED: usize = 4 << 20;
+/// The records that close a recording: a check of the last block, and the end.
+const CLOSING: u64 = 2 * HEAD as u64 + 4;
+
+#[derive(Debug)]
+enum State {
+    /// No laser was found yet: records wait, and there is no file.
+    Waiting,
+    Writing(File),
+    Ended(Option<String>),
+}
+
+/// Writes a recording.
+///
+/// The file is made when a laser is found, so that an older one is not lost for nothing; what was before goes into it too. It
+/// stays open: it may be moved, or get another name.
+#[derive(Debug)]
+pub struct Recorder {
+    plan: RecordPlan,
+    header: RecordingHeader,
+    state: State,
+    /// Records that are not in the file yet.
+    block: Vec<u8>,
+    block_since: Option<Instant>,
+    /// Of the last record.
+    now: Instant,
+    /// In the file.
+    bytes: u64,
+}
+
+impl Recorder {
+    /// A recording that has not begun.
+    ///
+    /// # Errors
+    /// If the file is there already and must not be overwritten, or cannot be made.
+    pub fn new(plan: &RecordPlan, header: RecordingHeader) -> anyhow::Result<Self> {
+        let name = plan.path.display();
+        let is_there = plan.path.exists();
+        anyhow::ensure!(plan.overwrite || !is_there, "{name}: is there already (--overwrite replaces it)");
+        anyhow::ensure!(!plan.path.is_dir(), "{name}: cannot be written: it is a folder");
+        tempfile::tempfile_in(folder_there(&plan.path)).with_context(|| format!("{name}: cannot be written"))?;
+        let (plan, now) = (plan.clone(), Instant::default());
+        Ok(Self { plan, header, state: State::Waiting, block: Vec::new(), block_since: None, now, bytes: 0 })
+    }
+
+    /// A laser of `family` was found: the recording begins with what waits.
+    ///
+    /// # Errors
+    /// If the file cannot be made, or is there already; there is no recording then.
+    pub fn begin(&mut self, family: LrfFamily) -> io::Result<()> {
+        if !matches!(self.state, State::Waiting) {
+            return Ok(());
+        }
+        self.header.lrf.family = family;
+        match self.create() {
+            Ok(file) => self.state = State::Writing(file),
+            Err(error) => return self.end_with(error),
+        }
+        self.save()
+    }
+
+    fn create(&mut self) -> io::Result<File> {
+        let text = toml::to_string(&self.header).map_err(io::Error::other)?;
+        let head = [&MAGIC[..], &(text.len() as u32).to_le_bytes(), text.as_bytes()].concat();
+        self.plan.path.parent().map_or(Ok(()), fs::create_dir_all)?;
+        let mut options = OpenOptions::new();
+        options.write(true).create(true).truncate(true).create_new(!self.plan.overwrite);
+        let mut file = options.open(&self.plan.path)?;
+        file.write_all(&head)?;
+        self.bytes = head.len() as u64;
+        Ok(file)
+    }
+
+    /// Forgets what waits: no laser was found with it.
+    pub fn forget(&mut self) {
+        if matches!(self.state, State::Waiting) {
+            self.block.clear();
+            self.block_since = None;
+        }
+    }
+
+    /// True if more waits than is worth keeping.
+    pub fn is_swamped(&self) -> bool {
+        matches!(self.state, State::Waiting) && self.block.len() > SWAMPED
+    }
+
+    /// An input that the driver is given.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or is full: said once, and nothing is written any more.
+    pub fn input(&mut self, now: Instant, input: Input<'_>) -> io::Result<()> {
+        match input {
+            Input::Connected => self.record(b'c', now, b""),
+            Input::Disconnected => self.record(b'd', now, b""),
+            Input::Bytes(bytes) => self.record(b'<', now, bytes),
+            Input::Timeout => self.record(b't', now, b""),
+            Input::Stop => self.record(b's', now, b""),
+        }
+    }
+
+    /// Bytes that the driver sends.
+    ///
+    /// # Errors
+    /// As [`input`](Self::input).
+    pub fn sent(&mut self, now: Instant, bytes: &[u8]) -> io::Result<()> {
+        self.record(b'>', now, bytes)
+    }
+
+    /// A rate that the driver sets.
+    ///
+    /// # Errors
+    /// As [`input`](Self::input).
+    pub fn baud(&mut self, now: Instant, baud: u32) -> io::Result<()> {
+        self.record(b'b', now, &baud.to_le_bytes())
+    }
+
+    fn record(&mut self, kind: u8, now: Instant, payload: &[u8]) -> io::Result<()> {
+        if let State::Ended(_) = self.state {
+            return Ok(());
+        }
+        self.now = now;
+        let after = self.bytes + self.block.len() as u64 + HEAD as u64 + payload.len() as u64;
+        if matches!(self.state, State::Writing(_)) && after + CLOSING > self.plan.max_bytes {
+            self.close()?;
+            let text = format!("full at {} MB (--record-max)", self.plan.max_bytes / 1_000_000);
+            return self.end_with(io::Error::new(ErrorKind::FileTooLarge, text));
+        }
+        push(&mut self.block, kind, now, payload);
+        let since = *self.block_since.get_or_insert(now);
+        let is_due = now.since(since).micros > SAVE_EVERY_US || self.block.len() > BLOCK;
+        if is_due { self.save() } else { Ok(()) }
+    }
+
+    /// Puts what waits into the file at once, and its check behind it.
+    fn save(&mut self) -> io::Result<()> {
+        let State::Writing(file) = &mut self.state else { return Ok(()) };
+        if self.block_since.take().is_none() {
+            return Ok(());
+        }
+        let check = CRC32.checksum(&self.block);
+        push(&mut self.block, b'#', self.now, &check.to_le_bytes());
+        let written = file.write_all(&self.block);
+        self.bytes += self.block.len() as u64;
+        self.block.clear();
+        written.or_else(|error| self.end_with(error))
+    }
+
+    /// The last check, and the end.
+    fn close(&mut self) -> io::Result<()> {
+        self.save()?;
+        let State::Writing(file) = &mut self.state else { return Ok(()) };
+        push(&mut self.block, b'e', self.now, b"");
+        let written = file.write_all(&self.block);
+        self.bytes += self.block.len() as u64;
+        written.or_else(|error| self.end_with(error))
+    }
+
+    /// There is no more recording, for this reason.
+    fn end_with(&mut self, error: io::Error) -> io::Result<()> {
+        self.state = State::Ended(Some(error.to_string()));
+        self.block = Vec::new();
+        Err(error)
+    }
+
+    /// Puts everything into the file, and says in it that this is all.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn finish(&mut self) -> io::Result<()> {
+        self.close()?;
+        if let State::Writing(_) = self.state {
+            self.state = State::Ended(None);
+        }
+        Ok(())
+    }
+
+    /// What became of it; `None` if no laser was found.
+    pub fn report(&self) -> Option<RecordingReport> {
+        let fault = match &self.state {
+            State::Waiting => return None,
+            State::Writing(_) => None,
+            State::Ended(fault) => fault.clone(),
+        };
+        Some(RecordingReport { path: self.plan.path.clone(), bytes: self.bytes, fault })
+    }
+}
+
+/// The folder of `path`, or as much of it as is there: the rest is made with the file.
+fn folder_there(path: &Path) -> &Path {
+    let whole = path.ancestors().skip(1).find(|folder| folder.exists());
+    whole.unwrap_or(Path::new("."))
+}
+
+fn push(block: &mut Vec<u8>, kind: u8, now: Instant, payload: &[u8]) {
+    block.push(kind);
+    block.extend_from_slice(&now.micros.to_le_bytes());
+    block.extend_from_slice(&(payload.len() as u32).to_le_bytes());
+    block.extend_from_slice(payload);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scans::family::LrfOptions;
+    use crate::scans::recording::{RecordingEnd, RecordingReader};
+
+    fn header() -> RecordingHeader {
+        let lrf = LrfOptions::new(LrfFamily::Hokuyo);
+        RecordingHeader { program: "test".into(), port: "none".into(), lrf }
+    }
+
+    #[test]
+    fn an_older_file_stays_until_a_laser_is_found_and_longer_unless_it_may_go() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("laser.rec");
+        fs::write(&path, "precious").unwrap();
+        let refused = Recorder::new(&RecordPlan::new(&path), header()).unwrap_err().to_string();
+        assert!(refused.contains("is there already (--overwrite replaces it)"), "{refused}");
+        let plan = RecordPlan { overwrite: true, ..RecordPlan::new(&path) };
+        let mut recorder = Recorder::new(&plan, header()).unwrap();
+        recorder.input(Instant::default(), Input::Connected).unwrap();
+        recorder.finish().unwrap();
+        assert_eq!((fs::read(&path).unwrap(), recorder.report()), (b"precious".to_vec(), None));
+        recorder.begin(LrfFamily::Ld06).unwrap();
+        recorder.finish().unwrap();
+        assert_eq!(RecordingReader::open(&path).unwrap().header().lrf.family, LrfFamily::Ld06);
+    }
+
+    #[test]
+    fn a_file_that_came_meanwhile_is_not_overwritten_either() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("laser.rec");
+        let mut recorder = Recorder::new(&RecordPlan::new(&path), header()).unwrap();
+        fs::write(&path, "precious").unwrap();
+        assert!(recorder.begin(LrfFamily::Hokuyo).is_err());
+        recorder.input(Instant::default(), Input::Timeout).expect("said once");
+        assert_eq!(fs::read(&path).unwrap(), b"precious");
+        assert!(recorder.report().unwrap().fault.unwrap().contains("exists"));
+    }
+
+    #[test]
+    fn a_place_where_nothing_can_be_written_is_refused_at_the_start() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("file"), "").unwrap();
+        for path in [folder.path().join("file/laser.rec"), folder.path().to_owned()] {
+            let plan = RecordPlan { overwrite: true, ..RecordPlan::new(path) };
+            let error = Recorder::new(&plan, header()).unwrap_err().to_string();
+            assert!(error.contains("cannot be written"), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_full_one_ends_below_its_size_and_is_whole_wherever_it_was_moved() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, moved) = (folder.path().join("a/laser.rec"), folder.path().join("b"));
+        let plan = RecordPlan { max_bytes: 300_000, ..RecordPlan::new(&path) };
+        let mut recorder = Recorder::new(&plan, header()).unwrap();
+        recorder.begin(LrfFamily::Hokuyo).unwrap();
+        fs::rename(folder.path().join("a"), &moved).unwrap();
+        let record = |index: i64| recorder.input(Instant::from_micros(index * 1000), Input::Bytes(&[7; 100]));
+        let faults: Vec<String> = (0..4000).map(record).filter_map(|done| Some(done.err()?.to_string())).collect();
+        assert_eq!(faults, ["full at 0 MB (--record-max)"]);
+        recorder.finish().unwrap();
+        let report = recorder.report().unwrap();
+        let file = moved.join("laser.rec");
+        assert_eq!((report.bytes, report.fault), (fs::metadata(&file).unwrap().len(), Some(faults[0].clone())));
+        assert!((299_000..=300_000).contains(&report.bytes), "{}", report.bytes);
+        let mut reader = RecordingReader::open(&file).unwrap();
+        let count = reader.by_ref().count();
+        assert_eq!(reader.end(), Some(RecordingEnd::Whole));
+        assert!((2600..2660).contains(&count), "{count}");
+    }
+}
