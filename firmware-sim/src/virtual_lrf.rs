@@ -4,8 +4,11 @@
 //! says. They know nothing of terminals or sockets; [`Cable`](crate::cable::Cable) carries their bytes at the pace of the line.
 
 pub mod hokuyo;
+mod recorded_laser;
 pub mod recording;
 pub mod sick;
+
+pub use recorded_laser::RecordedLaser;
 
 use lrfslam_core::time::{Duration, Instant};
 

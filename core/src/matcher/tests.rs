@@ -1,6 +1,7 @@
 use super::*;
 use crate::filter::{FilterConfig, hits, thin};
 use crate::math::uniform;
+use crate::math::wrap_angle;
 use crate::ndt::{DirectoryEntry, NdtConfig, NdtTile};
 use crate::scan::RangeScan;
 use crate::sweep::Sweep;

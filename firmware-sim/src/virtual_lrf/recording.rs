@@ -5,9 +5,6 @@ use std::collections::VecDeque;
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
 
-use super::VirtualLrf;
-use super::hokuyo::{HokuyoModel, VirtualHokuyo};
-use super::sick::{SickModel, VirtualSick};
 use crate::lrf_model::{RangeMeter, Reading};
 use crate::scene::Scene;
 
@@ -105,33 +102,6 @@ impl Sight {
     }
 }
 
-/// A laser that could have taken a recording.
-#[derive(Debug, Clone)]
-pub enum RecordedLaser {
-    /// LMS2xx.
-    Sick(SickModel),
-    /// URG-04LX.
-    Hokuyo(HokuyoModel),
-}
-
-impl RecordedLaser {
-    /// The one that measures in all directions of `beams`, and in the fewest others; `None` if neither does.
-    ///
-    /// * `range_max_m` — the longest range that it tells
-    pub fn of(beams: &[Beam], range_max_m: f32) -> Option<Self> {
-        let model = SickModel::seeing(beams, range_max_m).map(Self::Sick);
-        model.or_else(|| HokuyoModel::seeing(beams).map(Self::Hokuyo))
-    }
-
-    /// The laser, to say `scans`.
-    pub fn say(self, scans: Vec<RecordedScan>) -> Box<dyn VirtualLrf> {
-        match self {
-            Self::Sick(model) => Box::new(VirtualSick::of_recording(model, scans)),
-            Self::Hokuyo(model) => Box::new(VirtualHokuyo::of_recording(model, scans)),
-        }
-    }
-}
-
 /// True if all `beams` lie on the grid of directions `first_deg` + i · `step_deg`, up to `last_deg`.
 pub(super) fn are_on_grid(beams: &[Beam], first_deg: f64, step_deg: f64, last_deg: f64) -> bool {
     !beams.is_empty()
@@ -151,25 +121,6 @@ mod tests {
         let bearing = |index: u16| (first_deg + f32::from(index) * step_deg).to_radians();
         let beam = |index| Beam { bearing_rad: bearing(index), offset: Duration::ZERO, echo: Echo::Hit(1.0) };
         (0..count).map(beam).collect()
-    }
-
-    fn name(beams: &[Beam]) -> Option<&'static str> {
-        RecordedLaser::of(beams, 8.0).map(|laser| match laser {
-            RecordedLaser::Sick(_) => "sick",
-            RecordedLaser::Hokuyo(_) => "hokuyo",
-        })
-    }
-
-    #[test]
-    fn lasers_are_known_by_their_beams() {
-        for (first, step, count) in [(-90.0, 1.0, 180), (-90.0, 1.0, 181), (-90.0, 0.5, 361), (-50.0, 0.25, 401)] {
-            assert_eq!(name(&beams(first, step, count)), Some("sick"), "{count} beams");
-        }
-        let step = 360.0 / 1024.0;
-        assert_eq!(name(&beams(-340.0 * step, step, 682)), Some("hokuyo"));
-        for (first, step, count) in [(-135.0, 0.25, 1081), (-90.0, 0.7, 200), (-90.0, 1.0, 0), (-90.0, 0.25, 721)] {
-            assert_eq!(name(&beams(first, step, count)), None, "{count} beams");
-        }
     }
 
     #[test]

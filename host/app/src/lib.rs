@@ -2,8 +2,3 @@
 #![forbid(unsafe_code)]
 
 pub mod cli;
-#[cfg(feature = "demo")]
-mod demo;
-#[cfg(not(feature = "demo"))]
-#[path = "no_demo.rs"]
-mod demo;

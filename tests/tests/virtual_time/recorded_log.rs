@@ -4,7 +4,8 @@ use std::path::Path;
 
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_firmware_sim::virtual_lrf::recording::{RecordedLaser, RecordedScan};
+use lrfslam_firmware_sim::virtual_lrf::RecordedLaser;
+use lrfslam_firmware_sim::virtual_lrf::recording::RecordedScan;
 use lrfslam_host::robot::{Sweeps, Told};
 use lrfslam_host::scans::log::{LogOptions, LogReader, LogScan};
 use lrfslam_robot::wire::message::FromRobot;

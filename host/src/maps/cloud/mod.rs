@@ -30,7 +30,7 @@ use serde::Serialize;
 pub use edges::EdgeFilter;
 pub use judge::{JudgeError, JudgedStops, RegistrationReport, StopReport, Surface, SurfaceFit, judge_stops};
 pub use nearness::Nearness;
-pub use paint::{ColouredPoint, Paint};
+pub use paint::Paint;
 pub use pcd::write_pcd;
 pub use planes::{Plane, PlaneConfig, PlaneFit, find_planes, floor_of};
 pub use ply::write_ply;

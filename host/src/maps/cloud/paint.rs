@@ -1,10 +1,9 @@
 //! A colour for every point: by its height or by its time, from blue over green to red.
 
-use nalgebra::Point3;
 use serde::Serialize;
 
 use super::CloudPoint;
-use crate::maps::picture::{ColourScale, colour_at};
+use crate::maps::colours::{ColourScale, ColouredPoint, colour_at};
 
 /// What the colour of a point tells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -14,15 +13,6 @@ pub enum Paint {
     Height,
     /// When it was measured.
     Time,
-}
-
-/// A point as it is shown.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ColouredPoint {
-    /// In the map, m.
-    pub position: Point3<f32>,
-    /// Red, green, blue.
-    pub colour: [u8; 3],
 }
 
 impl Paint {

@@ -4,7 +4,7 @@
 
 use std::io::{self, Write};
 
-use super::ColouredPoint;
+use crate::maps::colours::ColouredPoint;
 
 /// Writes `points` as a PCD file; 16 bytes a point.
 ///

@@ -4,7 +4,7 @@
 
 use std::io::{self, Write};
 
-use super::ColouredPoint;
+use crate::maps::colours::ColouredPoint;
 
 /// Writes `points` as a PLY file; 15 bytes a point.
 ///

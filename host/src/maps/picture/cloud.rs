@@ -7,7 +7,7 @@ use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::canvas::Canvas;
 use super::{FOOTER, FOOTER_ROWS, FREE, MARGIN, OCCUPIED, WIDTH_MIN, draw_colours, draw_scale_bar, encode};
-use crate::maps::cloud::ColouredPoint;
+use crate::maps::colours::{ColourScale, ColouredPoint};
 
 /// From where a cloud is seen, and how large.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,19 +18,6 @@ pub struct CloudView {
     pub elevation_deg: f64,
     /// Longer side of the picture, pixels.
     pub side: usize,
-}
-
-/// What the first and the last colour of a cloud stand for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ColourScale {
-    /// What is told by colour.
-    pub name: &'static str,
-    /// Of its ends.
-    pub unit: &'static str,
-    /// The value of the first colour.
-    pub first: f64,
-    /// The value of the last one.
-    pub last: f64,
 }
 
 /// Smallest and largest of each coordinate on the screen.

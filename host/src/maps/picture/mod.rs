@@ -12,11 +12,12 @@ mod scan;
 use std::io;
 use std::path::Path;
 
-pub use self::cloud::{CloudView, ColourScale, cloud_png};
+pub use self::cloud::{CloudView, cloud_png};
 pub use self::scan::scan_png;
 
 use self::canvas::{Canvas, Rgb};
 use self::legend::draw_legend;
+use crate::maps::colours::colour_at;
 use crate::maps::occupancy::{Occupancy, Raster};
 use crate::output::write_file;
 use crate::trajectory::TimedPose;
@@ -27,9 +28,6 @@ const OCCUPIED: Rgb = [28, 34, 43];
 const TRUTH: Rgb = [250, 205, 120];
 const START: Rgb = [22, 130, 60];
 const END: Rgb = [200, 28, 40];
-
-/// Colours of the path at equal distances in time.
-const PATH: [Rgb; 5] = [[36, 64, 200], [0, 140, 190], [30, 160, 80], [235, 140, 10], [205, 25, 45]];
 
 /// A smaller map is enlarged until its longer side is at least this, pixels.
 const SIDE_MIN: usize = 1000;
@@ -114,18 +112,6 @@ fn draw_path(canvas: &mut Canvas, path: &[(f64, f64)]) {
         canvas.line(place, place, 8.0, FREE);
         canvas.line(place, place, 6.0, colour);
     }
-}
-
-/// Colour of the path at `share` (0 to 1) of its time.
-pub(crate) fn colour_at(share: f64) -> Rgb {
-    let place = share.clamp(0.0, 1.0) * (PATH.len() - 1) as f64;
-    let index = (place as usize).min(PATH.len() - 2);
-    let part = place - index as f64;
-    let mix = |channel: usize| {
-        let (a, b) = (f64::from(PATH[index][channel]), f64::from(PATH[index + 1][channel]));
-        (a + part * (b - a)).round() as u8
-    };
-    [mix(0), mix(1), mix(2)]
 }
 
 /// A bar of a round length, about a quarter of the picture, with its length beside it.

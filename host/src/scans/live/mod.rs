@@ -118,7 +118,7 @@ impl SourceReport {
 ///
 /// ```no_run
 /// # use std::{ops::ControlFlow, sync::atomic::AtomicBool};
-/// # use lrfslam_host::{driver::{LrfFamily, LrfOptions}, live::{Item, LiveLaser, ScanSource, for_each_scan}};
+/// # use lrfslam_host::scans::{family::{LrfFamily, LrfOptions}, live::{Item, LiveLaser, ScanSource, for_each_scan}};
 /// let options = LrfOptions::new(LrfFamily::Hokuyo);
 /// let source = ScanSource::Live(LiveLaser::new("/dev/ttyACM0".parse()?, options));
 /// for_each_scan(&source, &AtomicBool::new(false), &mut |item| {

@@ -1,7 +1,20 @@
 //! `lrfslam demo`: its arguments.
 
+#[cfg(feature = "demo")]
+mod results;
+#[cfg(feature = "demo")]
+mod robot;
+#[cfg(feature = "demo")]
+mod session;
+#[cfg(feature = "demo")]
+mod show;
+#[cfg(feature = "demo")]
+mod verdict;
+
 use clap::{Args, ValueEnum};
 
+#[cfg(feature = "demo")]
+pub(super) use self::show::run;
 use super::out::OutArgs;
 use super::shared::{ConfigArgs, LRF, SECONDS, SeedArgs, TellArgs};
 
@@ -56,4 +69,10 @@ pub enum DemoLrf {
     /// Hokuyo UTM-30LX, 30 m, USB
     #[value(name = "utm-30lx")]
     Utm30lx,
+}
+
+/// Says how to get the demonstration.
+#[cfg(not(feature = "demo"))]
+pub(super) fn run(_: &DemoArgs) -> Result<String, super::Failure> {
+    Err(super::not_built_in("simulator", "demo"))
 }

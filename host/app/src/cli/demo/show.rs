@@ -4,14 +4,9 @@
 //! pseudo-terminal) → the real driver → [`session`] (level scans to the mapper, tilted ones kept) → [`results`] (files, errors
 //! against the truth).
 
-mod results;
-mod robot;
-mod session;
-mod verdict;
-
 use std::sync::atomic::Ordering;
 
-use crate::cli::demo::DemoArgs;
+use super::{DemoArgs, results};
 use crate::cli::{Failure, interrupt_flag};
 use anyhow::anyhow;
 use lrfslam_firmware_sim::scenario::Scenario;
@@ -21,11 +16,11 @@ use lrfslam_host::results::report::RunReport;
 use lrfslam_host::runs::map::{MapRun, RunMemory};
 use lrfslam_host::scans::live::{ScanSource, for_each_scan};
 
-use self::robot::SimulatedRobot;
-use self::session::Session;
+use super::robot::SimulatedRobot;
+use super::session::Session;
 
 /// Runs the demonstration; returns what there is to tell.
-pub fn run(args: &DemoArgs) -> Result<String, Failure> {
+pub(in crate::cli) fn run(args: &DemoArgs) -> Result<String, Failure> {
     let config = args.config.load()?;
     let scenario = Scenario::load(&args.world).map_err(Failure::start)?;
     if args.seconds.is_none() && scenario.drive().end().is_none() {
