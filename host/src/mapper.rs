@@ -5,10 +5,9 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_core::laser_odometry::{self, LaserOdometry};
 use lrfslam_core::low_slam::{LowSlam, LowSlamMemoryError};
 use lrfslam_core::ndt::NdtMemoryError;
+use lrfslam_core::random::RandomStream;
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::slam::{ScanCapacityError, Slam, StepReport};
-use rand_core::SeedableRng as _;
-use rand_pcg::Pcg32;
 use serde::Serialize;
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
@@ -29,7 +28,7 @@ pub(crate) use threads::weigh_on_threads;
 #[derive(Debug)]
 pub struct Mapper<'m> {
     engine: Engine<'m>,
-    rng: Pcg32,
+    rng: RandomStream,
     last_odometry: Option<Pose2>,
     counts: MatchCounts,
 }
@@ -125,7 +124,7 @@ impl<'m> Mapper<'m> {
                 Engine::DpSlam(Box::new(DpSlam { slam, windows, genealogy: Genealogy::default(), best: 0 }))
             }
         };
-        Ok(Self { engine, rng: Pcg32::seed_from_u64(seed), last_odometry: None, counts: MatchCounts::default() })
+        Ok(Self { engine, rng: RandomStream::new(seed, 0, 0), last_odometry: None, counts: MatchCounts::default() })
     }
 
     /// Takes the next scan.
@@ -205,7 +204,7 @@ impl DpSlam<'_> {
         scan: &RangeScan<'_>,
         robot_from_lrf: Pose2,
         displacement: Option<Pose2>,
-        rng: &mut Pcg32,
+        rng: &mut RandomStream,
     ) -> Result<(StepReport, StageTimes), ScanCapacityError> {
         let started = WallInstant::now();
         let mut weighed = None;

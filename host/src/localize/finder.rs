@@ -7,10 +7,9 @@ use lrfslam_core::filter::PointCapacityError;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::laser_odometry::{LaserOdometry, OdometryMemory};
 use lrfslam_core::ndt::NdtMemoryError;
+use lrfslam_core::random::RandomStream;
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::sweep::Sweep;
-use rand_core::SeedableRng as _;
-use rand_pcg::Pcg32;
 
 use super::tracker::way_m;
 use super::{KnownMap, LocalizeConfig};
@@ -44,7 +43,7 @@ pub(super) struct Finder<'m> {
     config: LocalizeConfig,
     range_max_m: f32,
     odometry: LaserOdometry<'m>,
-    rng: Pcg32,
+    rng: RandomStream,
     closer: Closer,
     scans: ScanStore,
     stations: Vec<Station>,
@@ -61,7 +60,7 @@ impl<'m> Finder<'m> {
             config: config.localize,
             range_max_m: config.closure.range_max_m,
             odometry: LaserOdometry::new(&config.laser_odometry(), memory)?,
-            rng: Pcg32::seed_from_u64(seed),
+            rng: RandomStream::new(seed, 0, 0),
             closer: Closer::new(&closure, &config.ndt),
             scans: ScanStore::default(),
             stations: Vec::new(),

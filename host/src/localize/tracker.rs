@@ -4,9 +4,8 @@ use lrfslam_core::filter::PointCapacityError;
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::laser_odometry::{LaserOdometry, OdometryMemory};
 use lrfslam_core::ndt::NdtMemoryError;
+use lrfslam_core::random::RandomStream;
 use lrfslam_core::scan::RangeScan;
-use rand_core::SeedableRng as _;
-use rand_pcg::Pcg32;
 
 use super::belief::Belief;
 use super::{KnownMap, LocalizeConfig, Located};
@@ -25,7 +24,7 @@ pub(super) struct Tracker<'m> {
     config: LocalizeConfig,
     segment: SegmentConfig,
     odometry: LaserOdometry<'m>,
-    rng: Pcg32,
+    rng: RandomStream,
     belief: Belief,
     agreement: Agreement,
     way_m: f32,
@@ -45,7 +44,7 @@ impl<'m> Tracker<'m> {
             config: config.localize,
             segment: config.segment,
             odometry: LaserOdometry::new(&config.laser_odometry(), memory)?,
-            rng: Pcg32::seed_from_u64(seed),
+            rng: RandomStream::new(seed, 0, 0),
             belief: Belief::new(config.localize.found_certainty),
             agreement: Agreement::default(),
             way_m: 0.0,
