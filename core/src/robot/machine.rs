@@ -3,14 +3,14 @@
 use core::fmt::Write as _;
 
 use super::laser::Laser;
-use super::mapping::{Mapped, Mapping, MappingMemory};
+use super::mapping::{Mapped, Mapping};
 use super::paging::Paging;
 use super::pools::{RobotMemory, TILE_SIDE};
 use super::report::MapReport;
 use super::sweep_report::SweepReport;
 use crate::lrf::driver::{Event, Input as LaserInput, NEVER, Output};
 use crate::scan::{Beam, RangeScan};
-use crate::slam::ScanCapacityError;
+use crate::slam::{ScanCapacityError, SlamMemory};
 use crate::sweep::Sweep;
 use crate::time::Instant;
 use crate::wire::message::{Capacities, FromRobot, Health, PARTICLES_MAX, ScanPose, Status};
@@ -100,7 +100,7 @@ pub(super) enum Work<'m> {
 
 #[derive(Debug)]
 pub(super) struct Idle<'m> {
-    pub(super) mapping: MappingMemory<'m>,
+    pub(super) mapping: SlamMemory<'m, TILE_SIDE>,
     pub(super) telegram: &'m mut [u8],
     pub(super) beams: &'m mut [Beam],
 }

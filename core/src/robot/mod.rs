@@ -24,6 +24,6 @@ mod sweep_report;
 pub use config::{LaserConfig, LaserFamily, RobotConfig};
 pub use fit::Misfit;
 pub use machine::{Input, Ports, Robot};
-pub use mapping::{Mapped, Mapping, MappingError, MappingMemory};
+pub use mapping::{Mapped, Mapping};
 pub use pools::{CompactPools, LargePools, RobotMemory, RobotPools, StandardPools, TILE_SIDE};
 pub use sweep_report::ReportConfig;

@@ -1,6 +1,5 @@
 //! All memory of a robot in one value of fixed size, for a microcontroller's statics.
 
-use super::mapping::MappingMemory;
 use super::report::LedgerEntry;
 use crate::de::Member;
 use crate::geometry::Point2;
@@ -8,6 +7,7 @@ use crate::laser_odometry::OdometryMemory;
 use crate::low_slam::LowSlamPools;
 use crate::ndt::{DirectoryEntry, NdtTile};
 use crate::scan::{Beam, Echo};
+use crate::slam::SlamMemory;
 use crate::time::Duration;
 use crate::wire::frame::MAX_FRAME;
 use crate::wire::session::SessionMemory;
@@ -23,7 +23,7 @@ const POPULATION: usize = 100;
 #[derive(Debug)]
 pub struct RobotMemory<'m> {
     /// Of the mapping.
-    pub mapping: MappingMemory<'m>,
+    pub mapping: SlamMemory<'m, TILE_SIDE>,
     /// Of the link.
     pub link: SessionMemory<'m>,
     /// One telegram of the laser.
@@ -110,7 +110,7 @@ impl<
             key_scans: &mut [],
         };
         RobotMemory {
-            mapping: MappingMemory { odometry, particles: self.slam.lend() },
+            mapping: SlamMemory { odometry, particles: self.slam.lend() },
             link: SessionMemory { queue: &mut self.queue, frame: &mut self.frame },
             telegram: &mut self.telegram,
             beams: &mut self.beams,

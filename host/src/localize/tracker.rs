@@ -4,7 +4,6 @@ use lrfslam_core::filter::PointCapacityError;
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::laser_odometry::{LaserOdometry, OdometryMemory};
 use lrfslam_core::ndt::NdtMemoryError;
-use lrfslam_core::random::RandomStream;
 use lrfslam_core::scan::RangeScan;
 
 use super::belief::Belief;
@@ -24,7 +23,6 @@ pub(super) struct Tracker<'m> {
     config: LocalizeConfig,
     segment: SegmentConfig,
     odometry: LaserOdometry<'m>,
-    rng: RandomStream,
     belief: Belief,
     agreement: Agreement,
     way_m: f32,
@@ -43,8 +41,7 @@ impl<'m> Tracker<'m> {
         Ok(Self {
             config: config.localize,
             segment: config.segment,
-            odometry: LaserOdometry::new(&config.laser_odometry(), memory)?,
-            rng: RandomStream::new(seed, 0, 0),
+            odometry: LaserOdometry::new(&config.slam().laser_odometry(), seed, memory)?,
             belief: Belief::new(config.localize.found_certainty),
             agreement: Agreement::default(),
             way_m: 0.0,
@@ -73,7 +70,7 @@ impl<'m> Tracker<'m> {
         robot_from_lrf: Pose2,
     ) -> Result<Tracked, PointCapacityError> {
         let before = self.odometry.map_from_robot();
-        let step = self.odometry.step(scan, robot_from_lrf, None, &mut self.rng)?;
+        let step = self.odometry.step(scan, robot_from_lrf, None)?;
         let map_from_robot = step.matched.map_from_robot;
         let moved = before.between(map_from_robot);
         self.way_m += way_m(moved);
