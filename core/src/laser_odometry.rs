@@ -3,13 +3,12 @@
 //! filter → predict (constant velocity, or odometry) → match against the reference → extend the reference. The
 //! reference is the previous scan (the thesis), the recent key scans together, or the whole map so far.
 
-use rand_core::Rng;
-
 use crate::de::{DeConfig, Member};
 use crate::filter::{self, FilterConfig, PointCapacityError};
 use crate::geometry::{Point2, Pose2};
 use crate::matcher::{Match, MatcherConfig, Prediction, RecoveryConfig, ScanMatcher, SearchConfig};
 use crate::ndt::{DirectoryEntry, InsertReport, NdtConfig, NdtGrid, NdtMemoryError, NdtTile};
+use crate::random::RandomStream;
 use crate::scan::RangeScan;
 use crate::sweep::{Sweep, SweepMotion};
 use crate::time::{Duration, Instant};
@@ -125,6 +124,8 @@ pub struct StepReport {
 #[derive(Debug)]
 pub struct LaserOdometry<'m> {
     config: LaserOdometryConfig,
+    /// Of the search.
+    rng: RandomStream,
     ndt: NdtGrid<'m>,
     matcher: ScanMatcher<'m>,
     points: &'m mut [Point2],
@@ -143,13 +144,14 @@ pub struct LaserOdometry<'m> {
 }
 
 impl<'m> LaserOdometry<'m> {
-    /// A robot at the map's origin that has seen nothing yet.
+    /// A robot at the map's origin that has seen nothing yet; `seed` starts the random numbers of its search.
     ///
     /// # Errors
     /// [`NdtMemoryError`] if the directory or the pool is not of the right form.
-    pub fn new(config: &LaserOdometryConfig, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
+    pub fn new(config: &LaserOdometryConfig, seed: u64, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
         Ok(Self {
             config: *config,
+            rng: RandomStream::new(seed, 0, 0),
             ndt: NdtGrid::new(&config.ndt, memory.directory, memory.tiles)?,
             matcher: ScanMatcher::new(&config.search, &config.de, &config.matcher, memory.population),
             points: memory.points,
@@ -224,7 +226,6 @@ impl<'m> LaserOdometry<'m> {
         scan: &RangeScan<'_>,
         robot_from_lrf: Pose2,
         displacement: Option<Pose2>,
-        rng: &mut impl Rng,
     ) -> Result<StepReport, PointCapacityError> {
         let motion = self.motion_during(scan, displacement);
         let hits = filter::hits(&Sweep { scan: *scan, robot_from_lrf, motion }, self.hits)?;
@@ -233,7 +234,7 @@ impl<'m> LaserOdometry<'m> {
         let predicted = self.map_from_robot * displacement.unwrap_or_else(|| self.expected_step(scan, count));
         let first = self.ndt.tiles_used() == 0;
         let prediction = Prediction { map_from_robot: predicted, score_expected: self.score_per_point * count as f32 };
-        let matched = self.find(count, &prediction, rng);
+        let matched = self.find(count, &prediction);
         let is_lost = !first && matched.score_per_point < self.config.recovery.lost_share * self.score_per_point;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
         let map_from_robot = if first { self.map_from_robot } else { matched.map_from_robot };
@@ -299,13 +300,13 @@ impl<'m> LaserOdometry<'m> {
     }
 
     /// Matches the current points, with a wider search if the robot is not where it was expected.
-    fn find(&mut self, count: usize, prediction: &Prediction, rng: &mut impl Rng) -> Match {
+    fn find(&mut self, count: usize, prediction: &Prediction) -> Match {
         let points = self.points.get(..count).unwrap_or_default();
-        let matched = self.matcher.align(&self.ndt, points, prediction, rng);
+        let matched = self.matcher.align(&self.ndt, points, prediction, &mut self.rng);
         if matched.score_per_point >= self.config.recovery.lost_share * self.score_per_point {
             return matched;
         }
-        let wide = self.matcher.align_anywhere(&self.ndt, points, prediction, &self.config.recovery, rng);
+        let wide = self.matcher.align_anywhere(&self.ndt, points, prediction, &self.config.recovery, &mut self.rng);
         let is_found = wide.score_per_point >= self.config.recovery.found_share * self.score_per_point;
         if is_found && wide.score > 1.2 * matched.score { wide } else { matched }
     }

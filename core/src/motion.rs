@@ -1,8 +1,7 @@
-//! Where a particle may have gone: motion models to sample from, each given what was measured and its noise.
+//! Where a particle may have gone: a motion to sample from, given what was measured and its noise.
 //!
-//! * [`ScanMatchingMotion`] — from a scan match, the default (thesis table 4.7)
-//! * [`OdometryMotion`] — from wheel odometry (Eliazar's model, thesis eq. 4.46)
-//! * [`VelocityMotion`] — from commanded velocities (thesis table 4.1)
+//! The low level's is [`ScanMatchingMotion`] (thesis table 4.7). The thesis' models of wheel odometry (eq. 4.46) and of commanded velocities
+//! (table 4.1) are not here: a robot's odometry, where there is one, predicts the match instead.
 //!
 //! A model is made for one step and sampled once for each particle, with that sample's own random stream.
 
@@ -10,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use rand_core::Rng;
 
 use crate::geometry::{Point2, Pose2};
-use crate::math::{hypot, normal, sin_cos};
+use crate::math::{normal, sin_cos};
 
 /// A motion that can be sampled.
 pub trait Motion {
@@ -132,144 +131,6 @@ fn lower_triangle(a: &Matrix3<f32>) -> Matrix3<f32> {
     let l32 = over(a.m32 - l31 * l21, l22);
     let l33 = root(a.m33 - l31 * l31 - l32 * l32);
     Matrix3::new(l11, 0.0, 0.0, l21, l22, 0.0, l31, l32, l33)
-}
-
-crate::config! {
-    /// Odometry motion model (Eliazar, thesis 4.46). Defaults: unbiased, with the spreads that the original learnt for an ATRV Jr on carpet.
-    pub struct OdometryMotionConfig {
-        /// Mean of the move D per metre reported.
-        move_mean_per_m: f32 = 1.0, in 0.0..=2.0;
-        /// Mean of D per radian reported, m.
-        move_mean_per_rad: f32 = 0.0, in -1.0..=1.0;
-        /// Standard deviation of D per metre. The original: 0.156.
-        move_sigma_per_m: f32 = 0.156, in 0.0..=2.0;
-        /// Standard deviation of D per radian, m. The original: 0.0569.
-        move_sigma_per_rad: f32 = 0.0569, in 0.0..=2.0;
-        /// Mean of the sideways drift C per metre.
-        drift_mean_per_m: f32 = 0.0, in -1.0..=1.0;
-        /// Mean of C per radian, m.
-        drift_mean_per_rad: f32 = 0.0, in -1.0..=1.0;
-        /// Standard deviation of C per metre. The original: 0.063.
-        drift_sigma_per_m: f32 = 0.063, in 0.0..=2.0;
-        /// Standard deviation of C per radian, m. The original: 0.0657.
-        drift_sigma_per_rad: f32 = 0.0657, in 0.0..=2.0;
-        /// Mean of the turn B per metre, rad.
-        turn_mean_per_m: f32 = 0.0, in -1.0..=1.0;
-        /// Mean of B per radian reported.
-        turn_mean_per_rad: f32 = 1.0, in 0.0..=2.0;
-        /// Standard deviation of B per metre, rad. The original: 0.028.
-        turn_sigma_per_m: f32 = 0.028, in 0.0..=2.0;
-        /// Standard deviation of B per radian. The original: 0.1405.
-        turn_sigma_per_rad: f32 = 0.1405, in 0.0..=2.0;
-    }
-}
-
-/// Eq. (4.46): move D, sideways drift C and turn B, Gaussian about what odometry reports.
-///
-/// Departures: a robot that reverses has a negative move (the original takes it for forward); reported sideways motion, of
-/// an omnidirectional robot, is kept in the mean of C.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OdometryMotion {
-    /// Mean and standard deviation of D, C (m) and B (rad).
-    forward: [f32; 2],
-    drift: [f32; 2],
-    turn: [f32; 2],
-}
-
-impl OdometryMotion {
-    /// * `displacement` — pose now seen from the pose before, by odometry
-    pub fn new(config: &OdometryMotionConfig, displacement: Pose2) -> Self {
-        let turn = displacement.heading;
-        let (sin, cos) = sin_cos(0.5 * turn);
-        let forward = cos * displacement.x + sin * displacement.y;
-        let sideways = cos * displacement.y - sin * displacement.x;
-        let mean = |per_m: f32, per_rad: f32| per_m * forward + per_rad * turn;
-        let sigma = |per_m: f32, per_rad: f32| hypot(per_m * forward, per_rad * turn);
-        Self {
-            forward: [
-                mean(config.move_mean_per_m, config.move_mean_per_rad),
-                sigma(config.move_sigma_per_m, config.move_sigma_per_rad),
-            ],
-            drift: [
-                mean(config.drift_mean_per_m, config.drift_mean_per_rad) + sideways,
-                sigma(config.drift_sigma_per_m, config.drift_sigma_per_rad),
-            ],
-            turn: [
-                mean(config.turn_mean_per_m, config.turn_mean_per_rad),
-                sigma(config.turn_sigma_per_m, config.turn_sigma_per_rad),
-            ],
-        }
-    }
-}
-
-impl Motion for OdometryMotion {
-    fn sample(&self, map_from_robot: Pose2, rng: &mut impl Rng) -> Pose2 {
-        let mut draw = |[mean, sigma]: [f32; 2]| mean + sigma * normal(rng);
-        let (forward, drift, turn) = (draw(self.forward), draw(self.drift), draw(self.turn));
-        let (sin, cos) = sin_cos(map_from_robot.heading + 0.5 * turn);
-        Pose2::new(
-            map_from_robot.x + forward * cos - drift * sin,
-            map_from_robot.y + forward * sin + drift * cos,
-            map_from_robot.heading + turn,
-        )
-    }
-}
-
-crate::config! {
-    /// Velocity motion model (thesis table 4.1; Thrun, Burgard & Fox table 5.3): noise parameters α₁ … α₆, standard deviations.
-    pub struct VelocityMotionConfig {
-        /// α₁: velocity, per velocity.
-        alpha_1: f32 = 0.1, in 0.0..=10.0;
-        /// α₂: velocity, m/s per rad/s.
-        alpha_2: f32 = 0.02, in 0.0..=10.0;
-        /// α₃: turn rate, rad/s per m/s.
-        alpha_3: f32 = 0.05, in 0.0..=10.0;
-        /// α₄: turn rate, per turn rate.
-        alpha_4: f32 = 0.1, in 0.0..=10.0;
-        /// α₅: final rotation, rad/s per m/s.
-        alpha_5: f32 = 0.02, in 0.0..=10.0;
-        /// α₆: final rotation, per turn rate.
-        alpha_6: f32 = 0.05, in 0.0..=10.0;
-    }
-}
-
-/// Table 4.1: an arc of noisy velocity and turn rate, then a noisy rotation on the spot.
-///
-/// Departure: the arc is written as its chord, 2 v̂/ω̂ sin(ω̂Δt/2) along the mean heading: the same, and without a
-/// division by zero when the robot drives straight.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct VelocityMotion {
-    config: VelocityMotionConfig,
-    velocity: f32,
-    turn_rate: f32,
-    seconds: f32,
-}
-
-impl VelocityMotion {
-    /// * `velocity_mps`, `turn_rate_radps` — commanded, for `seconds`
-    pub fn new(config: &VelocityMotionConfig, velocity_mps: f32, turn_rate_radps: f32, seconds: f32) -> Self {
-        Self { config: *config, velocity: velocity_mps, turn_rate: turn_rate_radps, seconds }
-    }
-}
-
-impl Motion for VelocityMotion {
-    fn sample(&self, map_from_robot: Pose2, rng: &mut impl Rng) -> Pose2 {
-        let (v, w, c) = (self.velocity.abs(), self.turn_rate.abs(), &self.config);
-        let velocity = self.velocity + (c.alpha_1 * v + c.alpha_2 * w) * normal(rng);
-        let turn_rate = self.turn_rate + (c.alpha_3 * v + c.alpha_4 * w) * normal(rng);
-        let rotation = (c.alpha_5 * v + c.alpha_6 * w) * normal(rng);
-        let turn = turn_rate * self.seconds;
-        let half = 0.5 * turn;
-        // sin(x)/x, by its series where the quotient is inexact.
-        let shortening = if half.abs() < 0.01 { 1.0 - half * half / 6.0 } else { sin_cos(half).0 / half };
-        let chord = velocity * self.seconds * shortening;
-        let (sin, cos) = sin_cos(map_from_robot.heading + half);
-        Pose2::new(
-            map_from_robot.x + chord * cos,
-            map_from_robot.y + chord * sin,
-            map_from_robot.heading + turn + rotation * self.seconds,
-        )
-    }
 }
 
 #[cfg(test)]

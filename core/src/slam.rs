@@ -9,14 +9,17 @@
 //! it left alone, the particles' noise would add up over the run: nothing would ever bring them back to where their map fits. The mean
 //! and not the best one: where the laser cannot tell particles apart the best is chosen by chance.
 
-use rand_core::Rng;
+mod config;
+
+pub use config::SlamConfig;
 
 use crate::distributed_map::{DistributedMap, Window};
 use crate::filter::PointCapacityError;
 use crate::geometry::{Point2, Pose2};
-use crate::laser_odometry::{self, LaserOdometry};
-use crate::low_slam::{self, LowSlam, Weighing};
+use crate::laser_odometry::{self, LaserOdometry, OdometryMemory};
+use crate::low_slam::{self, LowSlam, LowSlamMemory, LowSlamMemoryError, Weighing};
 use crate::motion::{MatchedMotion, ScanMatchingMotion, ScanMatchingMotionConfig};
+use crate::ndt::NdtMemoryError;
 use crate::particles::Sample;
 use crate::rays::RayCapacityError;
 use crate::scan::RangeScan;
@@ -37,6 +40,27 @@ impl StepConfig {
     pub fn is_due(&self, moved: Pose2) -> bool {
         moved.position().norm() >= self.distance_m || moved.heading.abs() >= self.rotation_deg.to_radians()
     }
+}
+
+/// Memory that a [`Slam`] works in, lent by the caller.
+#[derive(Debug)]
+pub struct SlamMemory<'m, const SIDE: usize> {
+    /// Of laser odometry.
+    pub odometry: OdometryMemory<'m>,
+    /// Of the particles.
+    pub particles: LowSlamMemory<'m, SIDE>,
+}
+
+/// The memory lent to a [`Slam`] does not suit its configuration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SlamMemoryError {
+    /// The matcher's.
+    #[error(transparent)]
+    Ndt(#[from] NdtMemoryError),
+    /// The particles'.
+    #[error(transparent)]
+    Particles(#[from] LowSlamMemoryError),
 }
 
 /// The scan is larger than the memory lent.
@@ -78,22 +102,22 @@ pub struct Slam<'m, const SIDE: usize> {
 }
 
 impl<'m, const SIDE: usize> Slam<'m, SIDE> {
-    /// SLAM with laser odometry and a filter that have seen nothing yet.
-    pub fn new(
-        config: &StepConfig,
-        motion: &ScanMatchingMotionConfig,
-        odometry: LaserOdometry<'m>,
-        filter: LowSlam<'m, SIDE>,
-    ) -> Self {
-        Self {
-            config: *config,
-            motion: *motion,
-            odometry,
-            filter,
+    /// A robot at its map's origin that has seen nothing yet.
+    ///
+    /// * `seed` — of all random numbers: the same seed, configuration and scans give the same bits, whatever the memory if it is enough
+    ///
+    /// # Errors
+    /// [`SlamMemoryError`] if the memory does not suit the configuration.
+    pub fn new(config: &SlamConfig, seed: u64, memory: SlamMemory<'m, SIDE>) -> Result<Self, SlamMemoryError> {
+        Ok(Self {
+            config: config.steps,
+            motion: config.motion,
+            odometry: LaserOdometry::new(&config.laser_odometry(), seed, memory.odometry)?,
+            filter: LowSlam::new(&config.low_slam(), seed, memory.particles)?,
             map_from_step: None,
             map_from_best: Pose2::IDENTITY,
             undetermined: None,
-        }
+        })
     }
 
     /// The particles and their maps.
@@ -143,10 +167,9 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
         scan: &RangeScan<'_>,
         robot_from_lrf: Pose2,
         displacement: Option<Pose2>,
-        rng: &mut impl Rng,
         weigh: impl FnMut(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
     ) -> Result<StepReport, ScanCapacityError> {
-        let odometry = self.odometry.step(scan, robot_from_lrf, displacement, rng)?;
+        let odometry = self.odometry.step(scan, robot_from_lrf, displacement)?;
         let matched = &odometry.matched;
         let map_from_robot = matched.map_from_robot;
         let previous = self.map_from_step.unwrap_or(map_from_robot);

@@ -11,10 +11,9 @@ use lrfslam_core::filter::{FilterConfig, hits, thin};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::matcher::{MatcherConfig, Prediction, ScanMatcher, SearchConfig};
 use lrfslam_core::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtTile};
+use lrfslam_core::random::RandomStream;
 use lrfslam_core::sweep::Sweep;
 use lrfslam_host::scans::log::{LogOptions, LogReader};
-use rand_core::SeedableRng as _;
-use rand_pcg::Pcg32;
 
 fn main() {
     divan::main();
@@ -111,7 +110,7 @@ fn whole_match(bencher: Bencher<'_, '_>, kind: &str) {
         _ => MatcherConfig::default(),
     };
     let mut matcher = ScanMatcher::new(&SearchConfig::default(), &de, &config, &mut population);
-    let mut rng = Pcg32::seed_from_u64(1);
+    let mut rng = RandomStream::new(1, 0, 0);
     bencher.counter(ItemsCount::new(pairs.len())).bench_local(|| {
         for (pair, grid) in pairs.iter().zip(&grids) {
             let score_expected = pair.target.len() as f32;

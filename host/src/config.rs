@@ -8,18 +8,10 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use lrfslam_core::config::{ConfigError, Section};
-use lrfslam_core::de::DeConfig;
-use lrfslam_core::distributed_map::ParticleMapConfig;
-use lrfslam_core::filter::FilterConfig;
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::laser_odometry::{LaserOdometryConfig, OdometryConfig};
-use lrfslam_core::low_slam::{LowSlamConfig, LowSlamConfigs, RefinementConfig};
-use lrfslam_core::matcher::{MatcherConfig, RecoveryConfig, SearchConfig};
-use lrfslam_core::motion::ScanMatchingMotionConfig;
-use lrfslam_core::ndt::NdtConfig;
+use lrfslam_core::low_slam::{LowSlamConfig, LowSlamConfigs};
 use lrfslam_core::perception::PerceptionConfig;
-use lrfslam_core::rays::RayConfig;
-use lrfslam_core::slam::StepConfig;
+use lrfslam_core::slam::SlamConfig;
 use lrfslam_core::time::Duration;
 use lrfslam_robot::{LaserConfig, ReportConfig, RobotConfig};
 use serde::{Deserialize, Serialize};
@@ -88,80 +80,84 @@ lrfslam_core::config_choice! {
     choices "\"graph\" or \"particles\""
 }
 
-/// Declares the sections of the configuration, in the order in which they are printed.
+/// Declares the sections of the configuration, in the order in which they are printed: its own, and those of SLAM.
 macro_rules! run_config {
-    ($( $(#[doc = $doc:literal])* $name:ident : $section:ty, )*) => {
-        /// The configuration of a run.
+    (
+        first { $( $(#[doc = $first_doc:literal])* $first:ident : $first_type:ty, )* }
+        between { $( $(#[doc = $between_doc:literal])* $between:ident : $between_type:ty, )* }
+        last { $( $(#[doc = $last_doc:literal])* $last:ident : $last_type:ty, )* }
+        matching { $( $(#[doc = $matching_doc:literal])* $matching:ident : $matching_type:ty, )* }
+        particles { $( $(#[doc = $particles_doc:literal])* $particles:ident : $particles_type:ty, )* }
+    ) => {
+        /// The configuration of a run: that of SLAM, and what a computer does besides.
         #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
         #[serde(default, deny_unknown_fields)]
         pub struct RunConfig {
-            $( $(#[doc = $doc])* pub $name: $section, )*
+            $( $(#[doc = $first_doc])* pub $first: $first_type, )*
+            $( $(#[doc = $matching_doc])* pub $matching: $matching_type, )*
+            $( $(#[doc = $between_doc])* pub $between: $between_type, )*
+            $( $(#[doc = $particles_doc])* pub $particles: $particles_type, )*
+            $( $(#[doc = $last_doc])* pub $last: $last_type, )*
         }
 
         impl RunConfig {
             /// Every section under its name.
             pub fn sections(&self) -> Vec<(&'static str, &dyn Section)> {
-                vec![$( (stringify!($name), &self.$name as &dyn Section), )*]
+                vec![
+                    $( (stringify!($first), &self.$first as &dyn Section), )*
+                    $( (stringify!($matching), &self.$matching), )*
+                    $( (stringify!($between), &self.$between), )*
+                    $( (stringify!($particles), &self.$particles), )*
+                    $( (stringify!($last), &self.$last), )*
+                ]
+            }
+
+            /// The part of SLAM.
+            pub fn slam(&self) -> SlamConfig {
+                SlamConfig { $( $matching: self.$matching, )* $( $particles: self.$particles, )* }
+            }
+
+            /// The same with `slam` as that part.
+            pub fn with_slam(self, slam: &SlamConfig) -> Self {
+                Self { $( $matching: slam.$matching, )* $( $particles: slam.$particles, )* ..self }
             }
         }
     };
 }
 
 // A further section is one line here: its name in the file, and its type.
-run_config! {
-    /// How the log is read.
-    log: LogConfig,
-    /// Where the laser sits on the robot.
-    mounting: MountingConfig,
-    /// Scan filter.
-    filter: FilterConfig,
-    /// Reference cells.
-    ndt: NdtConfig,
-    /// Search box.
-    search: SearchConfig,
-    /// Search effort.
-    de: DeConfig,
-    /// Scan matcher.
-    matcher: MatcherConfig,
-    /// Laser odometry.
-    odometry: OdometryConfig,
-    /// When lost.
-    recovery: RecoveryConfig,
-    /// Levels of SLAM.
-    hierarchy: HierarchyConfig,
-    /// When the particle filter takes a step.
-    steps: StepConfig,
-    /// Motion of the particles.
-    motion: ScanMatchingMotionConfig,
-    /// Particle filter.
-    particles: LowSlamConfig,
-    /// Maps of the particles.
-    particle_map: ParticleMapConfig,
-    /// Beams that particles look at.
-    rays: RayConfig,
-    /// Weights of the particles.
-    perception: PerceptionConfig,
-    /// Improved proposal of the particles.
-    refinement: RefinementConfig,
-    /// What a robot that does the SLAM itself tells.
-    report: ReportConfig,
-    /// High level.
-    high: HighConfig,
-    /// Segments of the path.
-    segment: SegmentConfig,
-    /// Closing of loops.
-    closure: ClosureConfig,
-    /// Particles of the high level.
-    high_particles: HighParticlesConfig,
-    /// Localisation.
-    localize: LocalizeConfig,
-    /// Memory.
-    memory: MemoryConfig,
-    /// When the robot is too fast.
-    speed: SpeedConfig,
-    /// How the map is drawn.
-    map: MapConfig,
-}
+lrfslam_core::slam_sections!(run_config! {
+    first {
+        /// How the log is read.
+        log: LogConfig,
+        /// Where the laser sits on the robot.
+        mounting: MountingConfig,
+    }
+    between {
+        /// Levels of SLAM.
+        hierarchy: HierarchyConfig,
+    }
+    last {
+        /// What a robot that does the SLAM itself tells.
+        report: ReportConfig,
+        /// High level.
+        high: HighConfig,
+        /// Segments of the path.
+        segment: SegmentConfig,
+        /// Closing of loops.
+        closure: ClosureConfig,
+        /// Particles of the high level.
+        high_particles: HighParticlesConfig,
+        /// Localisation.
+        localize: LocalizeConfig,
+        /// Memory.
+        memory: MemoryConfig,
+        /// When the robot is too fast.
+        speed: SpeedConfig,
+        /// How the map is drawn.
+        map: MapConfig,
+    }
+});
 
 /// What is wrong with a configuration.
 #[derive(Debug, thiserror::Error)]
@@ -285,47 +281,15 @@ impl RunConfig {
         }
     }
 
-    /// The part that core's laser odometry works with.
-    pub fn laser_odometry(&self) -> LaserOdometryConfig {
-        self.robot(0, LaserConfig::default()).laser_odometry()
-    }
-
-    /// The part that core's particle filter works with.
-    pub fn low_slam(&self) -> LowSlamConfigs {
-        self.robot(0, LaserConfig::default()).low_slam()
-    }
-
     /// Defaults for a robot that does the SLAM itself: what fits its memory.
     pub fn for_robot() -> Self {
-        let RobotConfig { filter, ndt, search, de, matcher, odometry, recovery, steps, motion, .. } =
-            RobotConfig::default();
-        let RobotConfig { particles, particle_map, rays, perception, refinement, report, .. } = RobotConfig::default();
-        let matching = Self { filter, ndt, search, de, matcher, odometry, recovery, steps, motion, ..Self::default() };
-        Self { particles, particle_map, rays, perception, refinement, report, ..matching }
+        Self::default().with_slam(&SlamConfig::small())
     }
 
     /// The part that a robot works with.
     pub fn robot(&self, seed: u64, laser: LaserConfig) -> RobotConfig {
-        RobotConfig {
-            seed,
-            robot_from_lrf: self.robot_from_lrf(),
-            laser,
-            filter: self.filter,
-            ndt: self.ndt,
-            search: self.search,
-            de: self.de,
-            matcher: self.matcher,
-            odometry: self.odometry,
-            recovery: self.recovery,
-            steps: self.steps,
-            motion: self.motion,
-            particles: self.particles,
-            particle_map: self.particle_map,
-            rays: self.rays,
-            perception: self.perception,
-            refinement: self.refinement,
-            report: self.report,
-        }
+        let robot_from_lrf = self.robot_from_lrf();
+        RobotConfig { seed, robot_from_lrf, laser, slam: self.slam(), report: self.report }
     }
 
     /// The part that the high level works with.
@@ -339,7 +303,7 @@ impl RunConfig {
         (self.hierarchy.levels > 1 && self.hierarchy.closing == Closing::Particles).then(|| LowSlamConfigs {
             filter: LowSlamConfig { particles, samples_per_particle, ..self.particles },
             perception: PerceptionConfig { sigma_m, gain, ..self.perception },
-            ..self.low_slam()
+            ..self.slam().low_slam()
         })
     }
 
@@ -425,8 +389,8 @@ mod tests {
         let config = RunConfig::load_over(RunConfig::for_robot(), Some(file.path()), &["rays.range_max_m=5".into()]);
         let config = config.unwrap().robot(7, LaserConfig::default());
         let default = RobotConfig::default();
-        assert_eq!((config.particles.particles, config.particles.samples_per_particle), (32, 2));
-        assert_eq!((config.ndt.grids, config.rays.range_max_m, config.seed), (4, 5.0, 7));
+        assert_eq!((config.slam.particles.particles, config.slam.particles.samples_per_particle), (32, 2));
+        assert_eq!((config.slam.ndt.grids, config.slam.rays.range_max_m, config.seed), (4, 5.0, 7));
         assert_eq!(RunConfig::for_robot().robot(default.seed, default.laser), default);
     }
 

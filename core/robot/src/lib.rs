@@ -30,6 +30,6 @@ pub mod wire;
 
 pub use config::{LaserConfig, LaserFamily, ReportConfig, RobotConfig};
 pub use program::{
-    CompactPools, Input, LargePools, Mapped, Mapping, MappingError, MappingMemory, Misfit, Ports, Robot, RobotMemory,
-    RobotPools, StandardPools, TILE_SIDE,
+    CompactPools, Input, LargePools, Mapped, Mapping, Misfit, Ports, Robot, RobotMemory, RobotPools, StandardPools,
+    TILE_SIDE,
 };

@@ -1,7 +1,6 @@
 use super::*;
 use crate::de::Member;
-use crate::laser_odometry::{LaserOdometryConfig, OdometryMemory};
-use crate::low_slam::{LowSlamConfigs, SmallPools};
+use crate::low_slam::SmallPools;
 use crate::math::uniform;
 use crate::ndt::{DirectoryEntry, NdtTile};
 use crate::scan::{Beam, Echo};
@@ -24,7 +23,7 @@ fn drive(
     let (mut directory, mut tiles) = (vec![DirectoryEntry::default(); 4 * 128 * 128], vec![NdtTile::EMPTY; 1600]);
     let mut population = vec![Member::EMPTY; 300];
     let (mut points, mut hits) = (vec![Point2::default(); 200], vec![Point2::default(); 200]);
-    let lent = OdometryMemory {
+    let odometry = OdometryMemory {
         directory: &mut directory,
         tiles: &mut tiles,
         population: &mut population,
@@ -33,10 +32,9 @@ fn drive(
         key_points: &mut [],
         key_scans: &mut [],
     };
-    let odometry = LaserOdometry::new(&LaserOdometryConfig::default(), lent).unwrap();
     let mut pools = Box::new(SmallPools::EMPTY);
-    let filter = LowSlam::new(&LowSlamConfigs::default(), 3, pools.lend()).unwrap();
-    let mut slam = Slam::new(&StepConfig::default(), &ScanMatchingMotionConfig::default(), odometry, filter);
+    let memory = SlamMemory { odometry, particles: pools.lend() };
+    let mut slam = Slam::new(&SlamConfig::default(), 3, memory).unwrap();
     let mut rng = Pcg32::seed_from_u64(7);
     for (index, pose) in path.enumerate() {
         let beams: Vec<Beam> = if blind(index) {
@@ -49,7 +47,7 @@ fn drive(
         let weigh = |weighing: &Weighing<'_, '_, 8>, samples: &mut [Sample], window: &mut Window<'_>| {
             weighing.weigh_all(samples, window);
         };
-        let report = slam.step_with(&scan, Pose2::IDENTITY, None, &mut rng, weigh).unwrap();
+        let report = slam.step_with(&scan, Pose2::IDENTITY, None, weigh).unwrap();
         observe(&slam, &report, pose);
     }
 }

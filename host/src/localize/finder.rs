@@ -9,8 +9,6 @@ use lrfslam_core::laser_odometry::{LaserOdometry, OdometryMemory};
 use lrfslam_core::ndt::NdtMemoryError;
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::sweep::Sweep;
-use rand_core::SeedableRng as _;
-use rand_pcg::Pcg32;
 
 use super::tracker::way_m;
 use super::{KnownMap, LocalizeConfig};
@@ -44,7 +42,6 @@ pub(super) struct Finder<'m> {
     config: LocalizeConfig,
     range_max_m: f32,
     odometry: LaserOdometry<'m>,
-    rng: Pcg32,
     closer: Closer,
     scans: ScanStore,
     stations: Vec<Station>,
@@ -60,8 +57,7 @@ impl<'m> Finder<'m> {
         Ok(Self {
             config: config.localize,
             range_max_m: config.closure.range_max_m,
-            odometry: LaserOdometry::new(&config.laser_odometry(), memory)?,
-            rng: Pcg32::seed_from_u64(seed),
+            odometry: LaserOdometry::new(&config.slam().laser_odometry(), seed, memory)?,
             closer: Closer::new(&closure, &config.ndt),
             scans: ScanStore::default(),
             stations: Vec::new(),
@@ -103,7 +99,7 @@ impl<'m> Finder<'m> {
         robot_from_lrf: Pose2,
     ) -> Result<Option<Pose2>, PointCapacityError> {
         let before = self.odometry.map_from_robot();
-        let step = self.odometry.step(scan, robot_from_lrf, None, &mut self.rng)?;
+        let step = self.odometry.step(scan, robot_from_lrf, None)?;
         let local_from_robot = step.matched.map_from_robot;
         self.way_m += way_m(before.between(local_from_robot));
         if step.is_lost {

@@ -5,8 +5,6 @@ use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::laser_odometry::{LaserOdometry, OdometryMemory};
 use lrfslam_core::ndt::NdtMemoryError;
 use lrfslam_core::scan::RangeScan;
-use rand_core::SeedableRng as _;
-use rand_pcg::Pcg32;
 
 use super::belief::Belief;
 use super::{KnownMap, LocalizeConfig, Located};
@@ -25,7 +23,6 @@ pub(super) struct Tracker<'m> {
     config: LocalizeConfig,
     segment: SegmentConfig,
     odometry: LaserOdometry<'m>,
-    rng: Pcg32,
     belief: Belief,
     agreement: Agreement,
     way_m: f32,
@@ -44,8 +41,7 @@ impl<'m> Tracker<'m> {
         Ok(Self {
             config: config.localize,
             segment: config.segment,
-            odometry: LaserOdometry::new(&config.laser_odometry(), memory)?,
-            rng: Pcg32::seed_from_u64(seed),
+            odometry: LaserOdometry::new(&config.slam().laser_odometry(), seed, memory)?,
             belief: Belief::new(config.localize.found_certainty),
             agreement: Agreement::default(),
             way_m: 0.0,
@@ -74,7 +70,7 @@ impl<'m> Tracker<'m> {
         robot_from_lrf: Pose2,
     ) -> Result<Tracked, PointCapacityError> {
         let before = self.odometry.map_from_robot();
-        let step = self.odometry.step(scan, robot_from_lrf, None, &mut self.rng)?;
+        let step = self.odometry.step(scan, robot_from_lrf, None)?;
         let map_from_robot = step.matched.map_from_robot;
         let moved = before.between(map_from_robot);
         self.way_m += way_m(moved);

@@ -1,14 +1,9 @@
 //! The seam between a stream of scans and the SLAM: scans in, poses of the robot out.
 
-use lrfslam_core::distributed_map::WindowMemoryError;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::laser_odometry::LaserOdometry;
-use lrfslam_core::low_slam::{LowSlam, LowSlamMemoryError};
-use lrfslam_core::ndt::NdtMemoryError;
 use lrfslam_core::scan::RangeScan;
-use lrfslam_core::slam::{ScanCapacityError, Slam, StepReport};
-use rand_core::SeedableRng as _;
-use rand_pcg::Pcg32;
+use lrfslam_core::slam::{ScanCapacityError, Slam, SlamMemory, SlamMemoryError, StepReport};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use super::memory::{MapperMemory, SIDE, WindowSlots};
@@ -22,7 +17,6 @@ use crate::scans::store::ScanStore;
 #[derive(Debug)]
 pub struct Mapper<'m> {
     engine: Engine<'m>,
-    rng: Pcg32,
     last_odometry: Option<Pose2>,
     counts: MatchCounts,
 }
@@ -55,39 +49,23 @@ pub struct StageTimes {
     pub printing: WallDuration,
 }
 
-/// The memory lent to a [`Mapper`] does not fit its configuration.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum MapperMemoryError {
-    /// That of the matcher.
-    #[error(transparent)]
-    Ndt(#[from] NdtMemoryError),
-    /// That of the particles.
-    #[error(transparent)]
-    Particles(#[from] LowSlamMemoryError),
-    /// Its windows.
-    #[error(transparent)]
-    Window(#[from] WindowMemoryError),
-}
-
 impl<'m> Mapper<'m> {
     /// A mapper that has seen nothing; `seed` starts its random numbers.
     ///
     /// # Errors
     /// If the memory does not fit the configuration.
-    pub fn new(config: &RunConfig, seed: u64, memory: &'m mut MapperMemory) -> Result<Self, MapperMemoryError> {
+    pub fn new(config: &RunConfig, seed: u64, memory: &'m mut MapperMemory) -> Result<Self, SlamMemoryError> {
         let MapperMemory { odometry, particles } = memory;
-        let odometry = LaserOdometry::new(&config.laser_odometry(), odometry.lend())?;
+        let (config, odometry) = (config.slam(), odometry.lend());
         let engine = match particles {
-            None => Engine::Matcher(Box::new(odometry)),
+            None => Engine::Matcher(Box::new(LaserOdometry::new(&config.laser_odometry(), seed, odometry)?)),
             Some(memory) => {
-                let (lent, windows) = memory.lend();
-                let filter = LowSlam::new(&config.low_slam(), seed, lent)?;
-                let slam = Slam::new(&config.steps, &config.motion, odometry, filter);
+                let (particles, windows) = memory.lend();
+                let slam = Slam::new(&config, seed, SlamMemory { odometry, particles })?;
                 Engine::DpSlam(Box::new(DpSlam { slam, windows, genealogy: Genealogy::default(), best: 0 }))
             }
         };
-        Ok(Self { engine, rng: Pcg32::seed_from_u64(seed), last_odometry: None, counts: MatchCounts::default() })
+        Ok(Self { engine, last_odometry: None, counts: MatchCounts::default() })
     }
 
     /// Takes the next scan.
@@ -107,11 +85,11 @@ impl<'m> Mapper<'m> {
         let started = WallInstant::now();
         let done = match &mut self.engine {
             Engine::Matcher(matcher) => {
-                let odometry = matcher.step(scan, robot_from_lrf, displacement, &mut self.rng)?;
+                let odometry = matcher.step(scan, robot_from_lrf, displacement)?;
                 let step = StepReport { map_from_robot: odometry.matched.map_from_robot, odometry, filter: None };
                 (step, StageTimes { matching: started.elapsed(), ..StageTimes::default() })
             }
-            Engine::DpSlam(engine) => engine.add_scan(scan, robot_from_lrf, displacement, &mut self.rng)?,
+            Engine::DpSlam(engine) => engine.add_scan(scan, robot_from_lrf, displacement)?,
         };
         self.last_odometry = odometry;
         self.counts.add(&done.0.odometry);
@@ -167,12 +145,11 @@ impl DpSlam<'_> {
         scan: &RangeScan<'_>,
         robot_from_lrf: Pose2,
         displacement: Option<Pose2>,
-        rng: &mut Pcg32,
     ) -> Result<(StepReport, StageTimes), ScanCapacityError> {
         let started = WallInstant::now();
         let mut weighed = None;
         let windows = &mut *self.windows;
-        let step = self.slam.step_with(scan, robot_from_lrf, displacement, rng, |weighing, samples, own| {
+        let step = self.slam.step_with(scan, robot_from_lrf, displacement, |weighing, samples, own| {
             let begun = WallInstant::now();
             weigh_on_threads(weighing, samples, own, windows);
             weighed = Some((begun, WallInstant::now()));

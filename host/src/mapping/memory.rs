@@ -4,7 +4,7 @@ use lrfslam_core::ancestry::Node;
 use lrfslam_core::de::Member;
 use lrfslam_core::distributed_map::{MapMemory, Tile, TileHeader, TileId};
 use lrfslam_core::geometry::Point2;
-use lrfslam_core::laser_odometry::{KeyScan, OdometryMemory, Reference};
+use lrfslam_core::laser_odometry::{KeyScan, OdometryMemory};
 use lrfslam_core::low_slam::{LowSlamConfigs, LowSlamMemory};
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::particles::{Particle, Sample};
@@ -45,7 +45,7 @@ pub struct MapperMemory {
 impl MapperMemory {
     /// As much as `config` says; it does not grow. `threads` share the work, at least one; results do not depend on them.
     pub fn new(config: &RunConfig, threads: usize) -> Self {
-        let pools = || ParticlePools::new(&config.low_slam(), &config.memory, threads);
+        let pools = || ParticlePools::new(&config.slam().low_slam(), &config.memory, threads);
         Self { odometry: MatcherPools::new(config), particles: (config.hierarchy.levels > 0).then(pools) }
     }
 
@@ -71,11 +71,7 @@ impl MatcherPools {
         let layers = usize::from(config.ndt.grids);
         let population = config.de.population.max(config.recovery.population);
         let points = usize::from(config.memory.scan_points);
-        let key_scans = match config.odometry.reference {
-            Reference::WholeMap => 0,
-            Reference::PreviousScan => 1,
-            Reference::RecentScans => usize::from(config.odometry.recent_scans),
-        };
+        let key_scans = config.odometry.key_scans();
         Self {
             directory: vec![DirectoryEntry::default(); layers * NDT_DIRECTORY_SIDE * NDT_DIRECTORY_SIDE],
             tiles: vec![NdtTile::EMPTY; usize::from(config.memory.ndt_tiles)],

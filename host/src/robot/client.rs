@@ -19,11 +19,11 @@ const VIEW_MIN_M: f32 = 1.0;
 /// `config` with no more particles, and no longer beams, than the robot has memory for.
 pub(super) fn fitted(config: &RobotConfig, capacities: &Capacities) -> RobotConfig {
     let mut config = *config;
-    let room = capacities.particles / config.particles.samples_per_particle.max(1);
-    config.particles.particles = config.particles.particles.min(room.max(1));
-    let reach_m = capacities.reach_m(config.particle_map.square_size_m).max(VIEW_MIN_M);
-    config.rays.range_max_m = config.rays.range_max_m.min(reach_m);
-    config.rays.miss_range_m = config.rays.miss_range_m.min(reach_m);
+    let room = capacities.particles / config.slam.particles.samples_per_particle.max(1);
+    config.slam.particles.particles = config.slam.particles.particles.min(room.max(1));
+    let reach_m = capacities.reach_m(config.slam.particle_map.square_size_m).max(VIEW_MIN_M);
+    config.slam.rays.range_max_m = config.slam.rays.range_max_m.min(reach_m);
+    config.slam.rays.miss_range_m = config.slam.rays.miss_range_m.min(reach_m);
     config
 }
 

@@ -46,11 +46,11 @@ pub fn render(
         },
         nodes: &mut [Node::FREE; 2],
         particles: &mut [Particle::UNUSED; 1],
-        samples: &mut vec![Sample::UNUSED; usize::from(config.particles.samples_per_particle)],
+        samples: &mut vec![Sample::UNUSED; usize::from(config.slam.particles.samples_per_particle)],
         rays: &mut vec![Ray::UNUSED; BEAMS],
         window: &mut vec![TileId::NONE; WINDOW_SIDE * WINDOW_SIDE],
     };
-    let mut filter = LowSlam::new(&config.low_slam(), config.seed, memory).context("drawing the robot's map")?;
+    let mut filter = LowSlam::new(&config.slam.low_slam(), config.seed, memory).context("drawing the robot's map")?;
     let mut beams = Vec::new();
     for (map_from_scan, scan) in &correction.reference {
         let Some(sweep) = scans.sweep(*scan as usize, &mut beams) else { continue };

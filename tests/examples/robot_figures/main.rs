@@ -79,11 +79,11 @@ fn thinned(scan: &LogScan, beams: usize) -> LogScan {
 
 /// The smaller memory: fewer particles, beams and metres.
 fn compact(mut config: RobotConfig) -> RobotConfig {
-    config.particles.particles = 12;
-    config.rays.range_max_m = 4.0;
+    config.slam.particles.particles = 12;
+    config.slam.rays.range_max_m = 4.0;
     // They take little time: all of it may look at more.
-    config.matcher.search_points = 32;
-    (config.particle_map.print_step, config.perception.beam_step) = (3, 4);
+    config.slam.matcher.search_points = 32;
+    (config.slam.particle_map.print_step, config.slam.perception.beam_step) = (3, 4);
     config
 }
 

@@ -9,7 +9,6 @@ use lrfslam_core::laser_odometry::{KeyScan, LaserOdometry, LaserOdometryConfig, 
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::scan::{Beam, RangeScan};
 use lrfslam_core::time::Instant;
-use rand_core::SeedableRng;
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
@@ -37,10 +36,9 @@ pub extern "C" fn match_one_scan(bearing_rad: f32, range_m: f32) -> f32 {
         key_points: &mut [],
         key_scans: &mut [KeyScan::default(); 0],
     };
-    let mut rng = rand_pcg::Pcg32::seed_from_u64(1);
     let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
     let config = LaserOdometryConfig::default();
-    match LaserOdometry::new(&config, memory).map(|mut odometry| odometry.step(&scan, Pose2::IDENTITY, None, &mut rng)) {
+    match LaserOdometry::new(&config, 1, memory).map(|mut odometry| odometry.step(&scan, Pose2::IDENTITY, None)) {
         Ok(Ok(report)) => report.matched.score,
         _ => -1.0,
     }

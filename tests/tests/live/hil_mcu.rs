@@ -77,8 +77,8 @@ fn room() -> Box<RobotScene> {
 /// A search that QEMU gets done in a tenth of the time of the default one; the bits show the same as in a long one.
 fn light(laser: LaserConfig) -> RobotConfig {
     let mut config = RobotConfig { laser, ..RobotConfig::default() };
-    (config.de.population, config.de.generations) = (30, 25);
-    (config.recovery.population, config.recovery.generations) = (60, 30);
+    (config.slam.de.population, config.slam.de.generations) = (30, 25);
+    (config.slam.recovery.population, config.slam.recovery.generations) = (60, 30);
     config
 }
 

@@ -25,11 +25,11 @@ const PARTICLES: u16 = 12;
 fn config(particles: u16) -> RobotConfig {
     let laser = LaserConfig { family: LaserFamily::Hokuyo, baud: 0, cluster: 4 };
     let mut config = RobotConfig { laser, ..RobotConfig::default() };
-    (config.de.population, config.de.generations) = (20, 15);
-    (config.recovery.population, config.recovery.generations) = (40, 20);
-    config.particles.particles = particles;
-    config.particle_map.square_size_m = 0.05;
-    config.rays.range_max_m = 2.0;
+    (config.slam.de.population, config.slam.de.generations) = (20, 15);
+    (config.slam.recovery.population, config.slam.recovery.generations) = (40, 20);
+    config.slam.particles.particles = particles;
+    config.slam.particle_map.square_size_m = 0.05;
+    config.slam.rays.range_max_m = 2.0;
     config
 }
 

@@ -20,8 +20,8 @@ const QUARTER: Duration = Duration::from_millis(5000);
 fn config() -> RobotConfig {
     let laser = LaserConfig { family: LaserFamily::Hokuyo, baud: 0, cluster: 2 };
     let mut config = RobotConfig { laser, ..RobotConfig::default() };
-    (config.de.population, config.de.generations) = (20, 15);
-    (config.recovery.population, config.recovery.generations) = (40, 20);
+    (config.slam.de.population, config.slam.de.generations) = (20, 15);
+    (config.slam.recovery.population, config.slam.recovery.generations) = (40, 20);
     config
 }
 

@@ -12,8 +12,8 @@ use lrfslam_tests::robot_rig::{Build, Disk, PoolSize, RobotRig};
 fn good() -> RobotConfig {
     let laser = LaserConfig { family: LaserFamily::Hokuyo, baud: 0, cluster: 2 };
     let mut config = RobotConfig { laser, ..RobotConfig::default() };
-    (config.de.population, config.de.generations) = (20, 15);
-    (config.recovery.population, config.recovery.generations) = (40, 20);
+    (config.slam.de.population, config.slam.de.generations) = (20, 15);
+    (config.slam.recovery.population, config.slam.recovery.generations) = (40, 20);
     config
 }
 
@@ -27,36 +27,36 @@ fn with(change: impl Fn(&mut RobotConfig)) -> RobotConfig {
 /// Configurations that do not fit the memory for 32 particles, 1024 tiles about the robot and two grids, and why.
 fn misfits() -> Vec<(RobotConfig, &'static str)> {
     vec![
-        (with(|config| config.ndt.grids = 1), "ndt.grids is 1, the memory is divided for 2"),
-        (with(|config| config.ndt.grids = 3), "ndt.grids is 3, the memory is divided for 2"),
-        (with(|config| config.ndt.grids = 9), "ndt.grids is out of its bounds"),
-        (with(|config| config.ndt.cell_size_m = f32::NAN), "ndt.cell_size_m is out of its bounds"),
-        (with(|config| config.filter.radius_m = -1.0), "filter.radius_m is out of its bounds"),
+        (with(|config| config.slam.ndt.grids = 1), "ndt.grids is 1, the memory is divided for 2"),
+        (with(|config| config.slam.ndt.grids = 3), "ndt.grids is 3, the memory is divided for 2"),
+        (with(|config| config.slam.ndt.grids = 9), "ndt.grids is out of its bounds"),
+        (with(|config| config.slam.ndt.cell_size_m = f32::NAN), "ndt.cell_size_m is out of its bounds"),
+        (with(|config| config.slam.filter.radius_m = -1.0), "filter.radius_m is out of its bounds"),
         (with(|config| config.report.sweep_distance_m = f32::INFINITY), "report.sweep_distance_m is out of its bounds"),
         (
-            with(|config| config.particles.particles = 33),
+            with(|config| config.slam.particles.particles = 33),
             "particles.particles is 33, with 1 samples each there is memory for 32",
         ),
         (
-            with(|config| config.particles.samples_per_particle = 4),
+            with(|config| config.slam.particles.samples_per_particle = 4),
             "particles.particles is 32, with 4 samples each there is memory for 8",
         ),
-        (with(|config| config.de.population = 101), "de.population is 101, there is memory for 100"),
-        (with(|config| config.recovery.population = 300), "recovery.population is 300, there is memory for 100"),
+        (with(|config| config.slam.de.population = 101), "de.population is 101, there is memory for 100"),
+        (with(|config| config.slam.recovery.population = 300), "recovery.population is 300, there is memory for 100"),
         (
-            with(|config| config.odometry.reference = Reference::RecentScans),
+            with(|config| config.slam.odometry.reference = Reference::RecentScans),
             "odometry.reference: there is memory for \"whole-map\" only",
         ),
         (
-            with(|config| config.rays.range_max_m = 30.0),
+            with(|config| config.slam.rays.range_max_m = 30.0),
             "rays.range_max_m: of this map there is memory for 10.4 m about the robot",
         ),
         (
-            with(|config| config.rays.miss_range_m = 11.0),
+            with(|config| config.slam.rays.miss_range_m = 11.0),
             "rays.miss_range_m: of this map there is memory for 10.4 m about the robot",
         ),
         (
-            with(|config| config.particle_map.square_size_m = 0.01),
+            with(|config| config.slam.particle_map.square_size_m = 0.01),
             "rays.range_max_m: of this map there is memory for 0.0 m about the robot",
         ),
         (
@@ -123,7 +123,7 @@ fn a_refused_configuration_leaves_the_robot_usable() {
 #[test]
 fn a_host_gives_a_small_robot_what_fits_it() {
     let pools = &[PoolSize::Particles(10), PoolSize::Window(256)];
-    let mut rig = rig(&with(|config| config.particles.samples_per_particle = 2), pools);
+    let mut rig = rig(&with(|config| config.slam.particles.samples_per_particle = 2), pools);
     rig.run_for(Duration::from_millis(1000));
     assert_eq!(rig.disk.said, [""; 0]);
     rig.plug_laser(true);

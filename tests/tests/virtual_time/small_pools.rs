@@ -4,19 +4,15 @@
 
 use lrfslam_core::de::Member;
 use lrfslam_core::geometry::{Point2, Pose2};
-use lrfslam_core::laser_odometry::{LaserOdometry, LaserOdometryConfig, OdometryMemory};
-use lrfslam_core::low_slam::{LowSlam, LowSlamConfig, LowSlamConfigs, SmallPools};
-use lrfslam_core::motion::ScanMatchingMotionConfig;
+use lrfslam_core::laser_odometry::OdometryMemory;
+use lrfslam_core::low_slam::SmallPools;
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
-use lrfslam_core::rays::RayConfig;
-use lrfslam_core::slam::{Slam, StepConfig};
+use lrfslam_core::slam::{Slam, SlamConfig, SlamMemory};
 use lrfslam_host::config::RunConfig;
 use lrfslam_host::mapping::MapperMemory;
 use lrfslam_host::mapping::mapper::Mapper;
 use lrfslam_host::scans::log::{LogOptions, LogReader, LogScan};
 use lrfslam_tests::data;
-use rand_core::SeedableRng as _;
-use rand_pcg::Pcg32;
 
 /// The scans of a real log, or nothing with a word about it.
 fn real_scans(name: &str) -> Option<Vec<LogScan>> {
@@ -30,7 +26,7 @@ fn by_small_pools(scans: &[LogScan]) -> (Vec<Pose2>, usize, u64) {
     let (mut directory, mut tiles) = (vec![DirectoryEntry::default(); 4 * 256 * 256], vec![NdtTile::EMPTY; 16384]);
     let (mut population, mut points) = (vec![Member::EMPTY; 300], vec![Point2::default(); 1024]);
     let mut hits = points.clone();
-    let lent = OdometryMemory {
+    let odometry = OdometryMemory {
         directory: &mut directory,
         tiles: &mut tiles,
         population: &mut population,
@@ -39,21 +35,16 @@ fn by_small_pools(scans: &[LogScan]) -> (Vec<Pose2>, usize, u64) {
         key_points: &mut [],
         key_scans: &mut [],
     };
-    let odometry = LaserOdometry::new(&LaserOdometryConfig::default(), lent).expect("memory fits");
-    let configs = LowSlamConfigs {
-        filter: LowSlamConfig { particles: 32, ..LowSlamConfig::default() },
-        rays: RayConfig { range_max_m: 8.0, ..RayConfig::default() },
-        ..LowSlamConfigs::default()
-    };
+    let mut config = SlamConfig::default();
+    (config.particles.particles, config.rays.range_max_m) = (32, 8.0);
     let mut pools = Box::new(SmallPools::EMPTY);
-    let filter = LowSlam::new(&configs, 1, pools.lend()).expect("memory fits");
-    assert_eq!(filter.particles_max(), 32);
-    let mut slam = Slam::new(&StepConfig::default(), &ScanMatchingMotionConfig::default(), odometry, filter);
-    let mut rng = Pcg32::seed_from_u64(1);
+    let memory = SlamMemory { odometry, particles: pools.lend() };
+    let mut slam = Slam::new(&config, 1, memory).expect("memory fits");
+    assert_eq!(slam.filter().particles_max(), 32);
     let (mut poses, mut dropped, mut left_out) = (Vec::new(), 0, 0);
     for scan in scans {
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or(Pose2::IDENTITY);
-        let step = slam.step_with(&scan.scan(), robot_from_lrf, None, &mut rng, |weighing, samples, window| {
+        let step = slam.step_with(&scan.scan(), robot_from_lrf, None, |weighing, samples, window| {
             weighing.weigh_all(samples, window);
         });
         let step = step.expect("the scan fits");

@@ -1,10 +1,11 @@
 //! Whether a configuration fits a robot: asked before any of its memory is taken, so that one that does not leaves the robot as it was.
 
-use super::mapping::MappingMemory;
+use super::pools::TILE_SIDE;
 use crate::config::{LaserConfig, LaserFamily, RobotConfig};
 use crate::wire::message::{Capacities, PARTICLES_MAX};
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::ndt::NdtGrid;
+use lrfslam_core::slam::SlamMemory;
 use lrfslam_lrf::{hokuyo_scip, sick_lms};
 
 /// Farthest that a laser sits from the robot's centre along either axis, m.
@@ -67,7 +68,11 @@ pub enum Misfit {
 }
 
 /// What does not fit, if anything.
-pub(super) fn misfit(config: &RobotConfig, capacities: &Capacities, memory: &MappingMemory<'_>) -> Option<Misfit> {
+pub(super) fn misfit(
+    config: &RobotConfig,
+    capacities: &Capacities,
+    memory: &SlamMemory<'_, TILE_SIDE>,
+) -> Option<Misfit> {
     let unbounded = || config.out_of_bounds().map(|(section, field)| Misfit::OutOfBounds(section, field));
     let mounting = || (!is_mountable(&config.robot_from_lrf)).then_some(Misfit::Mounting);
     let baud = || (!is_rate(&config.laser)).then_some(Misfit::Baud(config.laser.baud));
@@ -92,25 +97,25 @@ fn is_rate(laser: &LaserConfig) -> bool {
     laser.baud == 0 || rates.contains(&laser.baud)
 }
 
-fn particles(config: &RobotConfig, memory: &MappingMemory<'_>) -> Option<Misfit> {
-    let (wanted, samples) = (config.particles.particles, config.particles.samples_per_particle);
+fn particles(config: &RobotConfig, memory: &SlamMemory<'_, TILE_SIDE>) -> Option<Misfit> {
+    let (wanted, samples) = (config.slam.particles.particles, config.slam.particles.samples_per_particle);
     let room = memory.particles.particles_max(samples).min(PARTICLES_MAX);
     (usize::from(wanted) > room).then_some(Misfit::Particles { wanted, samples, room })
 }
 
-fn matching(config: &RobotConfig, memory: &MappingMemory<'_>) -> Option<Misfit> {
+fn matching(config: &RobotConfig, memory: &SlamMemory<'_, TILE_SIDE>) -> Option<Misfit> {
     let odometry = &memory.odometry;
     let room = odometry.population.len();
-    for (section, wanted) in [("de", config.de.population), ("recovery", config.recovery.population)] {
+    for (section, wanted) in [("de", config.slam.de.population), ("recovery", config.slam.recovery.population)] {
         if usize::from(wanted) > room {
             return Some(Misfit::Population { section, wanted, room });
         }
     }
-    let key_scans = config.odometry.key_scans();
+    let key_scans = config.slam.odometry.key_scans();
     if key_scans > odometry.key_scans.len() || key_scans * odometry.points.len() > odometry.key_points.len() {
         return Some(Misfit::Reference);
     }
-    let (wanted, directory) = (config.ndt.grids, odometry.directory.len());
+    let (wanted, directory) = (config.slam.ndt.grids, odometry.directory.len());
     if NdtGrid::is_directory(wanted, directory) {
         return None;
     }
@@ -119,9 +124,9 @@ fn matching(config: &RobotConfig, memory: &MappingMemory<'_>) -> Option<Misfit> 
 }
 
 fn reach(config: &RobotConfig, capacities: &Capacities) -> Option<Misfit> {
-    let room_m = capacities.reach_m(config.particle_map.square_size_m);
+    let room_m = capacities.reach_m(config.slam.particle_map.square_size_m);
     let room_dm = (10.0 * room_m.max(0.0)) as u32;
-    let ranges = [("range_max_m", config.rays.range_max_m), ("miss_range_m", config.rays.miss_range_m)];
+    let ranges = [("range_max_m", config.slam.rays.range_max_m), ("miss_range_m", config.slam.rays.miss_range_m)];
     let too_far = ranges.into_iter().find(|(_, range_m)| *range_m > room_m);
     too_far.map(|(field, _)| Misfit::Reach { field, room_dm })
 }

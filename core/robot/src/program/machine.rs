@@ -3,7 +3,7 @@
 use core::fmt::Write as _;
 
 use super::laser::Laser;
-use super::mapping::{Mapped, Mapping, MappingMemory};
+use super::mapping::{Mapped, Mapping};
 use super::paging::Paging;
 use super::pools::{RobotMemory, TILE_SIDE};
 use super::report::MapReport;
@@ -11,7 +11,7 @@ use super::sweep_report::SweepReport;
 use crate::wire::message::{Capacities, FromRobot, Health, PARTICLES_MAX, ScanPose, Status};
 use crate::wire::session::{QueueFullError, Session, SessionMemory};
 use lrfslam_core::scan::{Beam, RangeScan};
-use lrfslam_core::slam::ScanCapacityError;
+use lrfslam_core::slam::{ScanCapacityError, SlamMemory};
 use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::Instant;
 use lrfslam_lrf::driver::{Event, Input as LaserInput, NEVER, Output};
@@ -100,7 +100,7 @@ pub(super) enum Work<'m> {
 
 #[derive(Debug)]
 pub(super) struct Idle<'m> {
-    pub(super) mapping: MappingMemory<'m>,
+    pub(super) mapping: SlamMemory<'m, TILE_SIDE>,
     pub(super) telegram: &'m mut [u8],
     pub(super) beams: &'m mut [Beam],
 }

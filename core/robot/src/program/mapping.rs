@@ -4,35 +4,11 @@ use super::pools::TILE_SIDE;
 use crate::config::RobotConfig;
 use crate::wire::message::{PARTICLES_MAX, PathNode, ScanPose, Segment};
 use lrfslam_core::distributed_map::{DistributedMap, Window};
-use lrfslam_core::laser_odometry::{LaserOdometry, OdometryMemory};
-use lrfslam_core::low_slam::{LowSlam, LowSlamMemory, LowSlamMemoryError, Weighing};
-use lrfslam_core::ndt::NdtMemoryError;
+use lrfslam_core::low_slam::Weighing;
 use lrfslam_core::particles::{Particle, Sample};
-use lrfslam_core::random::RandomStream;
 use lrfslam_core::scan::RangeScan;
-use lrfslam_core::slam::{ScanCapacityError, Slam, StepReport};
+use lrfslam_core::slam::{ScanCapacityError, Slam, SlamMemory, SlamMemoryError, StepReport};
 use lrfslam_core::time::Instant;
-
-/// Memory that a [`Mapping`] works in, lent by the caller.
-#[derive(Debug)]
-pub struct MappingMemory<'m> {
-    /// Of laser odometry.
-    pub odometry: OdometryMemory<'m>,
-    /// Of the particles.
-    pub particles: LowSlamMemory<'m, TILE_SIDE>,
-}
-
-/// The configuration does not suit the memory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum MappingError {
-    /// The matcher's.
-    #[error(transparent)]
-    Ndt(#[from] NdtMemoryError),
-    /// The particles'.
-    #[error(transparent)]
-    Particles(#[from] LowSlamMemoryError),
-}
 
 /// What one scan did.
 #[derive(Debug, Clone, Copy)]
@@ -45,12 +21,11 @@ pub struct Mapped {
     pub pose: ScanPose,
 }
 
-/// The SLAM with its random numbers, and with what the host is to be told of it.
+/// The SLAM with what the host is to be told of it.
 #[derive(Debug)]
 pub struct Mapping<'m> {
     config: RobotConfig,
     slam: Slam<'m, TILE_SIDE>,
-    rng: RandomStream,
     lineage: Lineage,
     best: u8,
     scans: u32,
@@ -88,22 +63,13 @@ impl<'m> Mapping<'m> {
     /// A robot at its map's origin that has seen nothing yet. It takes [`PARTICLES_MAX`] particles at most.
     ///
     /// # Errors
-    /// [`MappingError`] if the memory does not fit the configuration.
-    pub fn new(config: &RobotConfig, memory: MappingMemory<'m>) -> Result<Self, MappingError> {
-        let mut low_slam = config.low_slam();
-        low_slam.filter.particles = low_slam.filter.particles.min(PARTICLES_MAX as u16);
-        let odometry = LaserOdometry::new(&config.laser_odometry(), memory.odometry)?;
-        let filter = LowSlam::new(&low_slam, config.seed, memory.particles)?;
+    /// [`SlamMemoryError`] if the memory does not fit the configuration.
+    pub fn new(config: &RobotConfig, memory: SlamMemory<'m, TILE_SIDE>) -> Result<Self, SlamMemoryError> {
+        let mut slam = config.slam;
+        slam.particles.particles = slam.particles.particles.min(PARTICLES_MAX as u16);
         let mut lineage = Lineage { ancestors: [0; PARTICLES_MAX], step: 0, told_step: 0, stamp: Instant::default() };
         lineage.close();
-        Ok(Self {
-            config: *config,
-            slam: Slam::new(&config.steps, &config.motion, odometry, filter),
-            rng: RandomStream::new(config.seed, 0, 0),
-            lineage,
-            best: 0,
-            scans: 0,
-        })
+        Ok(Self { config: *config, slam: Slam::new(&slam, config.seed, memory)?, lineage, best: 0, scans: 0 })
     }
 
     /// The configuration it was made with.
@@ -129,7 +95,7 @@ impl<'m> Mapping<'m> {
         self.add_scan_with(scan, |weighing, samples, window| weighing.weigh_all(samples, window))
     }
 
-    /// Maps a scan; for `weigh` see [`LowSlam::step_with`].
+    /// Maps a scan; for `weigh` see [`Slam::step_with`].
     ///
     /// # Errors
     /// [`ScanCapacityError`] if it has more beams than there is memory for.
@@ -139,7 +105,7 @@ impl<'m> Mapping<'m> {
         weigh: impl FnMut(&Weighing<'_, 'm, TILE_SIDE>, &mut [Sample], &mut Window<'m>),
     ) -> Result<Mapped, ScanCapacityError> {
         let mounting = self.config.robot_from_lrf;
-        let report = self.slam.step_with(scan, mounting, None, &mut self.rng, weigh)?;
+        let report = self.slam.step_with(scan, mounting, None, weigh)?;
         if let Some(filter) = &report.filter {
             self.best = filter.best as u8;
             self.lineage.advance(self.slam.filter().particles(), scan.stamp);

@@ -12,5 +12,5 @@ mod sweep_report;
 
 pub use fit::Misfit;
 pub use machine::{Input, Ports, Robot};
-pub use mapping::{Mapped, Mapping, MappingError, MappingMemory};
+pub use mapping::{Mapped, Mapping};
 pub use pools::{CompactPools, LargePools, RobotMemory, RobotPools, StandardPools, TILE_SIDE};

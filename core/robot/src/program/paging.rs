@@ -77,7 +77,7 @@ pub(super) struct Paging {
 impl Paging {
     /// For a map in which nothing was seen yet.
     pub(super) fn of(mapping: &Mapping<'_>) -> Self {
-        let range_max_m = mapping.config().rays.range_max_m;
+        let range_max_m = mapping.config().slam.rays.range_max_m;
         let tile_m = TILE_SIDE as f32 * mapping.slam().filter().map().square_size_m();
         // The configuration bounds it: 200 m over tiles of 8 cm.
         Self::new(tile_m, floor(range_max_m / tile_m) as i16 + 1 + MARGIN)

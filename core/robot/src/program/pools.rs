@@ -1,6 +1,5 @@
 //! All memory of a robot in one value of fixed size, for a microcontroller's statics.
 
-use super::mapping::MappingMemory;
 use super::report::LedgerEntry;
 use crate::wire::frame::MAX_FRAME;
 use crate::wire::session::SessionMemory;
@@ -10,6 +9,7 @@ use lrfslam_core::laser_odometry::OdometryMemory;
 use lrfslam_core::low_slam::LowSlamPools;
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::scan::{Beam, Echo};
+use lrfslam_core::slam::SlamMemory;
 use lrfslam_core::time::Duration;
 
 /// Squares along the side of a tile.
@@ -23,7 +23,7 @@ const POPULATION: usize = 100;
 #[derive(Debug)]
 pub struct RobotMemory<'m> {
     /// Of the mapping.
-    pub mapping: MappingMemory<'m>,
+    pub mapping: SlamMemory<'m, TILE_SIDE>,
     /// Of the link.
     pub link: SessionMemory<'m>,
     /// One telegram of the laser.
@@ -110,7 +110,7 @@ impl<
             key_scans: &mut [],
         };
         RobotMemory {
-            mapping: MappingMemory { odometry, particles: self.slam.lend() },
+            mapping: SlamMemory { odometry, particles: self.slam.lend() },
             link: SessionMemory { queue: &mut self.queue, frame: &mut self.frame },
             telegram: &mut self.telegram,
             beams: &mut self.beams,

@@ -15,8 +15,8 @@ use lrfslam_core::de::Member;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::matcher::Prediction;
 use lrfslam_core::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtTile};
-use rand_core::{Rng as _, SeedableRng as _};
-use rand_pcg::Pcg32;
+use lrfslam_core::random::RandomStream;
+use rand_core::Rng as _;
 use serde::Serialize;
 
 use super::normalised::{NormalisedError, NormalisedSummary};
@@ -99,7 +99,7 @@ pub fn match_pairs(
         return Err(MatchPairsError { scans: scans.len(), poses: poses.len(), gap: config.gap });
     }
     let mut bench = Bench::new(run, config);
-    let mut rng = Pcg32::seed_from_u64(config.seed);
+    let mut rng = RandomStream::new(config.seed, 0, 0);
     for _ in 0..config.pairs {
         let first = ((u64::from(rng.next_u32()) * (scans.len() - gap) as u64) >> 32) as usize;
         let offset = anywhere(&run.search, &mut rng);
@@ -150,7 +150,7 @@ impl Bench {
     }
 
     /// Matches `source` against `target` by every contender; the search is centred at truth ⊕ offset⁻¹.
-    fn judge(&mut self, target: &LogScan, source: &LogScan, truth: Pose2, offset: Pose2, rng: &mut Pcg32) {
+    fn judge(&mut self, target: &LogScan, source: &LogScan, truth: Pose2, offset: Pose2, rng: &mut RandomStream) {
         let reference = points_of(target, 0.0, &self.run);
         let points = points_of(source, self.run.filter.radius_m, &self.run);
         if overlap(&reference, &points, truth) < self.config.overlap_min {

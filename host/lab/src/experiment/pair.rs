@@ -6,10 +6,9 @@ use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::matcher::{Match, MatcherConfig, Prediction, ScanMatcher, SearchConfig};
 use lrfslam_core::math::uniform;
 use lrfslam_core::ndt::NdtGrid;
+use lrfslam_core::random::RandomStream;
 use lrfslam_core::sweep::Sweep;
 use nalgebra::Matrix3;
-use rand_core::SeedableRng as _;
-use rand_pcg::Pcg32;
 use serde::Serialize;
 
 use lrfslam_host::config::RunConfig;
@@ -33,7 +32,7 @@ pub enum Contender {
 }
 
 /// A displacement drawn uniformly from the search box.
-pub(super) fn anywhere(search: &SearchConfig, rng: &mut Pcg32) -> Pose2 {
+pub(super) fn anywhere(search: &SearchConfig, rng: &mut RandomStream) -> Pose2 {
     Pose2::new(
         -search.backward_m + (search.backward_m + search.forward_m) * uniform(rng),
         search.lateral_m * (2.0 * uniform(rng) - 1.0),
@@ -97,6 +96,6 @@ pub(super) fn align(
     if contender == Contender::Newton {
         return Found { pose: matcher.align_locally(ndt, points, prediction), covariance: None };
     }
-    let found: Match = matcher.align(ndt, points, prediction, &mut Pcg32::seed_from_u64(seed));
+    let found: Match = matcher.align(ndt, points, prediction, &mut RandomStream::new(seed, 0, 0));
     Found { pose: found.map_from_robot, covariance: Some(found.covariance) }
 }

@@ -12,9 +12,9 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_core::matcher::Prediction;
 use lrfslam_core::math::normal;
 use lrfslam_core::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtTile};
+use lrfslam_core::random::RandomStream;
 use lrfslam_core::scan::{Beam, Echo};
-use rand_core::{Rng as _, SeedableRng as _};
-use rand_pcg::Pcg32;
+use rand_core::Rng as _;
 use serde::Serialize;
 
 use super::pair::{Contender, align, anywhere, is_determined, is_recovered, overlap, points_of};
@@ -302,7 +302,7 @@ impl Bench {
 
     fn judge(&mut self, trial: &Trial<'_>) -> PairError {
         let Trial { pair, case, index, method, seed } = *trial;
-        let mut rng = Pcg32::seed_from_u64(seed.wrapping_mul(1_000_003).wrapping_add(pair.pose as u64));
+        let mut rng = RandomStream::new(seed.wrapping_mul(1_000_003).wrapping_add(pair.pose as u64), 0, 0);
         let centre = pair.truth * anywhere(&case.run.search, &mut rng).inverse();
         let search_seed = u64::from(rng.next_u32());
         let target = noisy(pair.target, case.noise_m, &mut rng);
@@ -346,7 +346,7 @@ fn cells<'m>(config: &NdtConfig, directory: &'m mut [DirectoryEntry], tiles: &'m
 }
 
 /// The scan with Gaussian noise on its ranges.
-fn noisy(scan: &LogScan, noise_m: f32, rng: &mut Pcg32) -> LogScan {
+fn noisy(scan: &LogScan, noise_m: f32, rng: &mut RandomStream) -> LogScan {
     let beam = |beam: &Beam| match beam.echo {
         Echo::Hit(range_m) => {
             let noisy_m = range_m + noise_m * normal(rng);

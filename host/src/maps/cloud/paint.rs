@@ -56,6 +56,7 @@ impl Paint {
 mod tests {
     use super::*;
     use lrfslam_core::time::Instant;
+    use nalgebra::Point3;
 
     #[test]
     fn low_is_blue_high_is_red_and_so_are_early_and_late() {

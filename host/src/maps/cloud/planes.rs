@@ -4,9 +4,9 @@
 //! all together (smallest axis of the covariance of each one's points). Source: Fischler & Bolles 1981. Seeded: the same cloud
 //! gives the same planes.
 
+use lrfslam_core::random::RandomStream;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Unit, UnitVector3, Vector3};
-use rand_core::{Rng as _, SeedableRng as _};
-use rand_pcg::Pcg32;
+use rand_core::Rng as _;
 use serde::Serialize;
 
 /// How planes are looked for.
@@ -85,7 +85,7 @@ pub struct PlaneFit {
 ///
 /// Where planes meet, a point belongs to the nearest one: the foot of a wall is no part of the floor.
 pub fn find_planes(points: &[Point3<f64>], config: &PlaneConfig) -> Vec<PlaneFit> {
-    let mut rng = Pcg32::seed_from_u64(config.seed);
+    let mut rng = RandomStream::new(config.seed, 0, 0);
     let (mut left, mut found) = (points.to_vec(), Vec::new());
     while found.len() < config.planes_max {
         let Some(plane) = best_plane(&left, config, &mut rng) else { break };
@@ -140,7 +140,7 @@ pub fn floor_of(planes: &[PlaneFit]) -> Option<PlaneFit> {
 }
 
 /// The plane with most points among `config.trials` proposals.
-fn best_plane(points: &[Point3<f64>], config: &PlaneConfig, rng: &mut Pcg32) -> Option<Plane> {
+fn best_plane(points: &[Point3<f64>], config: &PlaneConfig, rng: &mut RandomStream) -> Option<Plane> {
     let mut best: Option<(usize, Plane)> = None;
     for _ in 0..config.trials {
         let [a, b, c] = [draw(points, rng)?, draw(points, rng)?, draw(points, rng)?];
@@ -153,7 +153,7 @@ fn best_plane(points: &[Point3<f64>], config: &PlaneConfig, rng: &mut Pcg32) -> 
     best.map(|(_, plane)| plane)
 }
 
-fn draw<'p>(points: &'p [Point3<f64>], rng: &mut Pcg32) -> Option<&'p Point3<f64>> {
+fn draw<'p>(points: &'p [Point3<f64>], rng: &mut RandomStream) -> Option<&'p Point3<f64>> {
     points.get(((u64::from(rng.next_u32()) * points.len() as u64) >> 32) as usize)
 }
 
@@ -164,11 +164,11 @@ mod tests {
 
     /// A floor 1 m below, a wall 3 m ahead, both with 1 cm of noise, and clutter.
     fn room() -> Vec<Point3<f64>> {
-        let mut rng = Pcg32::seed_from_u64(4);
+        let mut rng = RandomStream::new(4, 0, 0);
         let mut number = |scale: f32| f64::from(scale * (2.0 * uniform(&mut rng) - 1.0));
         let mut points: Vec<Point3<f64>> = (0..4000).map(|_| Point3::new(number(3.0), number(3.0), -1.0)).collect();
         points.extend((0..2000).map(|_| Point3::new(3.0, number(3.0), number(1.0))));
-        let mut rng = Pcg32::seed_from_u64(5);
+        let mut rng = RandomStream::new(5, 0, 0);
         for point in &mut points {
             let noise = 0.01 * f64::from(normal(&mut rng));
             if point.z == -1.0 { point.z += noise } else { point.x += noise }

@@ -5,10 +5,9 @@ use lrfslam_core::de::{DeConfig, Member};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::matcher::{Match, MatcherConfig, Prediction, RecoveryConfig, ScanMatcher, SearchConfig};
 use lrfslam_core::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtTile};
+use lrfslam_core::random::RandomStream;
 use lrfslam_core::time::Instant;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use rand_core::SeedableRng as _;
-use rand_pcg::Pcg32;
 use serde::Serialize;
 
 use super::planes::Plane;
@@ -58,7 +57,7 @@ pub fn register(map: &[Point2], points: &[Point2], near: Pose2, config: &Registe
     let mut population = vec![Member::EMPTY; usize::from(config.search.population)];
     let (search, de, matcher) = (SearchConfig::default(), DeConfig::default(), MatcherConfig::default());
     let mut matcher = ScanMatcher::new(&search, &de, &matcher, &mut population);
-    let mut rng = Pcg32::seed_from_u64(config.seed);
+    let mut rng = RandomStream::new(config.seed, 0, 0);
     let found = matcher.align_anywhere(&ndt, points, &prediction, &config.search, &mut rng);
     (found.score > 0.0).then_some(found)
 }
