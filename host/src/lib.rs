@@ -5,7 +5,6 @@
 //! compares a trajectory with ground truth.
 #![forbid(unsafe_code)]
 
-pub mod config;
 pub mod input;
 pub mod localize;
 pub mod mapping;

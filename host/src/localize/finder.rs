@@ -11,8 +11,7 @@ use lrfslam_core::scan::RangeScan;
 use lrfslam_core::sweep::Sweep;
 
 use super::tracker::way_m;
-use super::{KnownMap, LocalizeConfig};
-use crate::config::RunConfig;
+use super::{KnownMap, LocalizeConfig, LocalizerConfig};
 use crate::places::ClosureConfig;
 use crate::places::closing::{Closer, Effort};
 use crate::places::submap::Submap;
@@ -52,13 +51,13 @@ pub(super) struct Finder<'m> {
 }
 
 impl<'m> Finder<'m> {
-    pub(super) fn new(config: &RunConfig, seed: u64, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
+    pub(super) fn new(config: &LocalizerConfig, seed: u64, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
         let closure = ClosureConfig { second_share_max: config.localize.second_share_max, ..config.closure };
         Ok(Self {
             config: config.localize,
             range_max_m: config.closure.range_max_m,
-            odometry: LaserOdometry::new(&config.slam().laser_odometry(), seed, memory)?,
-            closer: Closer::new(&closure, &config.ndt),
+            odometry: LaserOdometry::new(&config.slam.laser_odometry(), seed, memory)?,
+            closer: Closer::new(&closure, &config.slam.ndt),
             scans: ScanStore::default(),
             stations: Vec::new(),
             way_m: 0.0,

@@ -2,8 +2,7 @@
 
 use lrfslam_core::geometry::{Point2, Pose2};
 
-use crate::config::RunConfig;
-use crate::mapping::high::{HighSlam, SavedPathError};
+use crate::mapping::high::{HighConfigs, HighSlam, SavedPathError};
 use crate::mapping::saved_map::SavedMap;
 use crate::maps::occupancy::OccupancyMap;
 use crate::places::correlation::{CorrelationGrid, SearchWindow};
@@ -27,7 +26,7 @@ impl KnownMap {
     ///
     /// # Errors
     /// If its parts do not fit together.
-    pub fn new(saved: &SavedMap, config: &RunConfig) -> Result<Self, SavedPathError> {
+    pub fn new(saved: &SavedMap, config: &HighConfigs) -> Result<Self, SavedPathError> {
         let high = saved.high_slam(config)?;
         let walls = Submap::new(high.placed_scans(WALLS_APART), high.scans(), config.closure.range_max_m);
         let grid = CorrelationGrid::new(walls.points());

@@ -13,6 +13,7 @@ mod tracker;
 use lrfslam_core::filter::PointCapacityError;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::RangeScan;
+use lrfslam_core::slam::SlamConfig;
 use nalgebra::Matrix3;
 
 pub use known_map::KnownMap;
@@ -20,8 +21,9 @@ pub use start::{ScansAhead, StartFit, StartJudge};
 
 use self::finder::Finder;
 use self::tracker::Tracker;
-use crate::config::RunConfig;
-use crate::mapping::MapperMemory;
+use crate::mapping::high::SegmentConfig;
+use crate::mapping::{MapperMemory, MemoryConfig};
+use crate::places::ClosureConfig;
 
 lrfslam_core::config! {
     /// Localisation in a saved map.
@@ -95,6 +97,21 @@ pub struct LocalizeCounts {
     pub lost: u64,
 }
 
+/// Everything that decides where a robot is found.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LocalizerConfig {
+    /// Localisation.
+    pub localize: LocalizeConfig,
+    /// Of which it matches as mapping does.
+    pub slam: SlamConfig,
+    /// How the error of a path grows.
+    pub segment: SegmentConfig,
+    /// How places are recognised.
+    pub closure: ClosureConfig,
+    /// Memory.
+    pub memory: MemoryConfig,
+}
+
 /// Memory that a [`Localizer`] works in.
 #[derive(Debug)]
 pub struct LocalizerMemory {
@@ -104,10 +121,9 @@ pub struct LocalizerMemory {
 
 impl LocalizerMemory {
     /// As much as `config` says; it does not grow.
-    pub fn new(config: &RunConfig) -> Self {
-        let mut config = *config;
-        config.hierarchy.levels = 0;
-        Self { tracker: MapperMemory::new(&config, 1), finder: MapperMemory::new(&config, 1) }
+    pub fn new(config: &LocalizerConfig) -> Self {
+        let memory = || MapperMemory::of_matching(&config.slam, &config.memory);
+        Self { tracker: memory(), finder: memory() }
     }
 }
 
@@ -129,7 +145,7 @@ impl<'m> Localizer<'m> {
     /// # Errors
     /// If the memory does not fit the configuration, or a scan of the map is too large for it.
     pub fn new(
-        config: &RunConfig,
+        config: &LocalizerConfig,
         seed: u64,
         map: &'m KnownMap,
         start: Option<Pose2>,

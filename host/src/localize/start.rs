@@ -7,8 +7,7 @@ use lrfslam_core::geometry::Pose2;
 
 use super::finder::Finder;
 use super::tracker::{Tracker, way_m};
-use super::{KnownMap, LocalizerMemory};
-use crate::config::RunConfig;
+use super::{KnownMap, LocalizerConfig, LocalizerMemory};
 use crate::scans::log::LogScan;
 
 /// A robot is searched for along so much of its way, m; then the log is of another place.
@@ -53,15 +52,16 @@ pub struct StartFit {
 /// Judges starts; its memory and configuration are those of localisation.
 #[derive(Debug)]
 pub struct StartJudge<'a> {
-    config: &'a RunConfig,
+    config: &'a LocalizerConfig,
+    robot_from_lrf: Pose2,
     seed: u64,
     map: &'a KnownMap,
 }
 
 impl<'a> StartJudge<'a> {
-    /// One for `map`.
-    pub fn new(config: &'a RunConfig, seed: u64, map: &'a KnownMap) -> Self {
-        Self { config, seed, map }
+    /// One for `map`; `robot_from_lrf` is where the laser sits in logs that do not tell it.
+    pub fn new(config: &'a LocalizerConfig, robot_from_lrf: Pose2, seed: u64, map: &'a KnownMap) -> Self {
+        Self { config, robot_from_lrf, seed, map }
     }
 
     /// Follows the log from `start` through its first metres.
@@ -75,7 +75,7 @@ impl<'a> StartJudge<'a> {
         let (mut way, mut sums, mut weight, mut index) = (0.0, [0.0; 2], 0.0, 0);
         let (mut before, mut first, mut jumps) = (start, start, false);
         while let Some(scan) = scans.scan(index)?.filter(|_| way < self.config.localize.search_after_m) {
-            let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| self.config.robot_from_lrf());
+            let robot_from_lrf = scan.robot_from_lrf.unwrap_or(self.robot_from_lrf);
             let located = tracker.add_scan(self.map, &scan.scan(), robot_from_lrf)?.located;
             let moved = before.between(located.map_from_robot);
             jumps |= moved.position().norm() > TOLD_WITHIN_M || moved.heading.abs() > TOLD_WITHIN_RAD;
@@ -101,7 +101,7 @@ impl<'a> StartJudge<'a> {
         finder.restart();
         let mut index = 0;
         while let Some(scan) = scans.scan(index)?.filter(|_| finder.way_m() < SEARCH_WAY_M) {
-            let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| self.config.robot_from_lrf());
+            let robot_from_lrf = scan.robot_from_lrf.unwrap_or(self.robot_from_lrf);
             if let Some(found) = finder.add_scan(self.map, &scan.scan(), robot_from_lrf)? {
                 let start = found * finder.local_from_robot().inverse();
                 return self.follow(start, scans).map(Some);

@@ -7,8 +7,7 @@ use lrfslam_core::ndt::NdtMemoryError;
 use lrfslam_core::scan::RangeScan;
 
 use super::belief::Belief;
-use super::{KnownMap, LocalizeConfig, Located};
-use crate::config::RunConfig;
+use super::{KnownMap, LocalizeConfig, Located, LocalizerConfig};
 use crate::mapping::high::SegmentConfig;
 use crate::places::submap::Agreement;
 
@@ -37,11 +36,11 @@ pub(super) struct Tracked {
 }
 
 impl<'m> Tracker<'m> {
-    pub(super) fn new(config: &RunConfig, seed: u64, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
+    pub(super) fn new(config: &LocalizerConfig, seed: u64, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
         Ok(Self {
             config: config.localize,
             segment: config.segment,
-            odometry: LaserOdometry::new(&config.slam().laser_odometry(), seed, memory)?,
+            odometry: LaserOdometry::new(&config.slam.laser_odometry(), seed, memory)?,
             belief: Belief::new(config.localize.found_certainty),
             agreement: Agreement::default(),
             way_m: 0.0,

@@ -3,13 +3,12 @@
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::laser_odometry::LaserOdometry;
 use lrfslam_core::scan::RangeScan;
-use lrfslam_core::slam::{ScanCapacityError, Slam, SlamMemory, SlamMemoryError, StepReport};
+use lrfslam_core::slam::{ScanCapacityError, Slam, SlamConfig, SlamMemory, SlamMemoryError, StepReport};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use super::memory::{MapperMemory, SIDE, WindowSlots};
 use super::threads::weigh_on_threads;
 use super::{Correction, LowLevel, MatchCounts};
-use crate::config::RunConfig;
 use crate::mapping::genealogy::Genealogy;
 use crate::scans::store::ScanStore;
 
@@ -54,14 +53,14 @@ impl<'m> Mapper<'m> {
     ///
     /// # Errors
     /// If the memory does not fit the configuration.
-    pub fn new(config: &RunConfig, seed: u64, memory: &'m mut MapperMemory) -> Result<Self, SlamMemoryError> {
+    pub fn new(config: &SlamConfig, seed: u64, memory: &'m mut MapperMemory) -> Result<Self, SlamMemoryError> {
         let MapperMemory { odometry, particles } = memory;
-        let (config, odometry) = (config.slam(), odometry.lend());
+        let odometry = odometry.lend();
         let engine = match particles {
             None => Engine::Matcher(Box::new(LaserOdometry::new(&config.laser_odometry(), seed, odometry)?)),
             Some(memory) => {
                 let (particles, windows) = memory.lend();
-                let slam = Slam::new(&config, seed, SlamMemory { odometry, particles })?;
+                let slam = Slam::new(config, seed, SlamMemory { odometry, particles })?;
                 Engine::DpSlam(Box::new(DpSlam { slam, windows, genealogy: Genealogy::default(), best: 0 }))
             }
         };

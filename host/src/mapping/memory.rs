@@ -9,8 +9,9 @@ use lrfslam_core::low_slam::{LowSlamConfigs, LowSlamMemory};
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::particles::{Particle, Sample};
 use lrfslam_core::rays::Ray;
+use lrfslam_core::slam::SlamConfig;
 
-use crate::config::RunConfig;
+use super::config::MappingConfig;
 
 lrfslam_core::config! {
     /// Memory, fixed from the start.
@@ -44,9 +45,15 @@ pub struct MapperMemory {
 
 impl MapperMemory {
     /// As much as `config` says; it does not grow. `threads` share the work, at least one; results do not depend on them.
-    pub fn new(config: &RunConfig, threads: usize) -> Self {
-        let pools = || ParticlePools::new(&config.slam().low_slam(), &config.memory, threads);
-        Self { odometry: MatcherPools::new(config), particles: (config.hierarchy.levels > 0).then(pools) }
+    pub fn new(config: &MappingConfig, threads: usize) -> Self {
+        let pools = || ParticlePools::new(&config.slam.low_slam(), &config.memory, threads);
+        let particles = (config.hierarchy.levels > 0).then(pools);
+        Self { odometry: MatcherPools::new(&config.slam, &config.memory), particles }
+    }
+
+    /// That of matching alone.
+    pub fn of_matching(slam: &SlamConfig, memory: &MemoryConfig) -> Self {
+        Self { odometry: MatcherPools::new(slam, memory), particles: None }
     }
 
     /// That of matching alone.
@@ -67,14 +74,14 @@ pub(super) struct MatcherPools {
 }
 
 impl MatcherPools {
-    fn new(config: &RunConfig) -> Self {
+    fn new(config: &SlamConfig, memory: &MemoryConfig) -> Self {
         let layers = usize::from(config.ndt.grids);
         let population = config.de.population.max(config.recovery.population);
-        let points = usize::from(config.memory.scan_points);
+        let points = usize::from(memory.scan_points);
         let key_scans = config.odometry.key_scans();
         Self {
             directory: vec![DirectoryEntry::default(); layers * NDT_DIRECTORY_SIDE * NDT_DIRECTORY_SIDE],
-            tiles: vec![NdtTile::EMPTY; usize::from(config.memory.ndt_tiles)],
+            tiles: vec![NdtTile::EMPTY; usize::from(memory.ndt_tiles)],
             population: vec![Member::EMPTY; usize::from(population)],
             points: vec![Point2::default(); points],
             hits: vec![Point2::default(); points],

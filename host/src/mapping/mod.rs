@@ -1,5 +1,6 @@
 //! Scans in, poses and a map out, at each level; and the map kept to go on with.
 
+mod config;
 pub mod genealogy;
 pub mod high;
 mod low_level;
@@ -8,5 +9,6 @@ mod memory;
 pub mod saved_map;
 mod threads;
 
+pub use config::{Closing, HierarchyConfig, MappingConfig};
 pub use low_level::{Correction, LowLevel, LowPose, MatchCounts};
 pub use memory::{MapperMemory, MemoryConfig, ParticlePools};

@@ -3,7 +3,6 @@
 use lrfslam_core::scan::{Echo, RangeScan};
 use serde::Serialize;
 
-use crate::config::RunConfig;
 use crate::mapping::MatchCounts;
 use crate::mapping::high::HighCounts;
 use crate::output::RECORDING;
@@ -15,7 +14,7 @@ use crate::scans::recording::RecordingReport;
 
 /// Everything needed to judge and to repeat a run.
 #[derive(Debug, Clone, Serialize)]
-pub struct RunReport {
+pub struct RunReport<C> {
     /// Name and version of the program.
     pub program: Program,
     /// Where the scans came from.
@@ -23,8 +22,8 @@ pub struct RunReport {
     pub source: Source,
     /// The folder of the map that was gone on with.
     pub continues: Option<String>,
-    /// Every value used.
-    pub config: RunConfig,
+    /// Every value used, as the program has its configuration.
+    pub config: C,
     /// Of the random numbers.
     pub seed: u64,
     /// The log's odometry was used.

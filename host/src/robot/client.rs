@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use lrfslam_core::distributed_map::{Region, TilePlace};
 use lrfslam_core::time::Instant;
+use lrfslam_core::slam::SlamConfig;
 use lrfslam_robot::RobotConfig;
 use lrfslam_robot::wire::frame::MAX_FRAME;
 use lrfslam_robot::wire::message::{Capacities, FromRobot, Status, TileUpdate, ToRobot};
@@ -17,13 +18,13 @@ const QUEUE: usize = 16_384;
 const VIEW_MIN_M: f32 = 1.0;
 
 /// `config` with no more particles, and no longer beams, than the robot has memory for.
-pub(super) fn fitted(config: &RobotConfig, capacities: &Capacities) -> RobotConfig {
+pub(super) fn fitted(config: &SlamConfig, capacities: &Capacities) -> SlamConfig {
     let mut config = *config;
-    let room = capacities.particles / config.slam.particles.samples_per_particle.max(1);
-    config.slam.particles.particles = config.slam.particles.particles.min(room.max(1));
-    let reach_m = capacities.reach_m(config.slam.particle_map.square_size_m).max(VIEW_MIN_M);
-    config.slam.rays.range_max_m = config.slam.rays.range_max_m.min(reach_m);
-    config.slam.rays.miss_range_m = config.slam.rays.miss_range_m.min(reach_m);
+    let room = capacities.particles / config.particles.samples_per_particle.max(1);
+    config.particles.particles = config.particles.particles.min(room.max(1));
+    let reach_m = capacities.reach_m(config.particle_map.square_size_m).max(VIEW_MIN_M);
+    config.rays.range_max_m = config.rays.range_max_m.min(reach_m);
+    config.rays.miss_range_m = config.rays.miss_range_m.min(reach_m);
     config
 }
 
@@ -183,7 +184,8 @@ impl<'m> RobotClient<'m> {
             }
             if let Some((config, capacities)) = self.config.zip(introduced) {
                 // A full queue holds requests that the robot has not taken; it will introduce itself to the next host again.
-                let _ = self.ask(&ToRobot::Configure(fitted(&config, &capacities)));
+                let slam = fitted(&config.slam, &capacities);
+                let _ = self.ask(&ToRobot::Configure(RobotConfig { slam, ..config }));
             }
         }
         self.give_back();

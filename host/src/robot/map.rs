@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::grid::CellIndex;
-use lrfslam_robot::RobotConfig;
+use lrfslam_core::slam::SlamConfig;
 use lrfslam_robot::wire::message::{Capacities, FromRobot, ScanPose, Segment, TileUpdate};
 
 use super::client::fitted;
@@ -26,7 +26,8 @@ fn put(tiles: &mut Tiles, tile: &TileUpdate<'_>) {
 /// What a robot has told so far.
 #[derive(Debug, Clone)]
 pub struct RobotMap {
-    config: RobotConfig,
+    config: SlamConfig,
+    seed: u64,
     capacities: Capacities,
     segments: Vec<Segment>,
     scans: Vec<ScanPose>,
@@ -45,7 +46,7 @@ impl LowLevel for RobotMap {
     fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> anyhow::Result<Pose2> {
         let frame_from_robot = self.scans.last().map_or(Pose2::IDENTITY, |scan| scan.odometry);
         let frame_from_map = frame_from_robot * correction.map_from_robot.inverse();
-        if let Some(corrected) = render(&self.config, frame_from_map, correction, scans)? {
+        if let Some(corrected) = render((&self.config, self.seed), frame_from_map, correction, scans)? {
             self.corrected = Some(corrected);
         }
         Ok(frame_from_robot)
@@ -67,15 +68,16 @@ impl LowLevel for RobotMap {
 
 impl Default for RobotMap {
     fn default() -> Self {
-        Self::new(&RobotConfig::default())
+        Self::new(&SlamConfig::small(), 1)
     }
 }
 
 impl RobotMap {
     /// Of a robot with this configuration that has told nothing yet.
-    pub fn new(config: &RobotConfig) -> Self {
+    pub fn new(config: &SlamConfig, seed: u64) -> Self {
         Self {
             config: *config,
+            seed,
             capacities: Capacities::default(),
             segments: Vec::new(),
             scans: Vec::new(),

@@ -10,7 +10,8 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_core::low_slam::{LowSlam, LowSlamMemory};
 use lrfslam_core::particles::{Particle, Sample};
 use lrfslam_core::rays::Ray;
-use lrfslam_robot::{RobotConfig, TILE_SIDE};
+use lrfslam_core::slam::SlamConfig;
+use lrfslam_robot::TILE_SIDE;
 
 use super::map::Tiles;
 use crate::mapping::Correction;
@@ -30,7 +31,7 @@ const BEAMS: usize = 2048;
 /// # Errors
 /// If the configuration does not suit the memory, or a scan is larger than it.
 pub fn render(
-    config: &RobotConfig,
+    (config, seed): (&SlamConfig, u64),
     frame_from_map: Pose2,
     correction: &Correction,
     scans: &ScanStore,
@@ -46,11 +47,11 @@ pub fn render(
         },
         nodes: &mut [Node::FREE; 2],
         particles: &mut [Particle::UNUSED; 1],
-        samples: &mut vec![Sample::UNUSED; usize::from(config.slam.particles.samples_per_particle)],
+        samples: &mut vec![Sample::UNUSED; usize::from(config.particles.samples_per_particle)],
         rays: &mut vec![Ray::UNUSED; BEAMS],
         window: &mut vec![TileId::NONE; WINDOW_SIDE * WINDOW_SIDE],
     };
-    let mut filter = LowSlam::new(&config.slam.low_slam(), config.seed, memory).context("drawing the robot's map")?;
+    let mut filter = LowSlam::new(&config.low_slam(), seed, memory).context("drawing the robot's map")?;
     let mut beams = Vec::new();
     for (map_from_scan, scan) in &correction.reference {
         let Some(sweep) = scans.sweep(*scan as usize, &mut beams) else { continue };
@@ -96,10 +97,10 @@ mod tests {
         let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
         let mut scans = ScanStore::default();
         scans.add(&Sweep::at_rest(scan, Pose2::IDENTITY));
-        let config = RobotConfig::default();
+        let config = SlamConfig::small();
         let map_from_scan = Pose2::new(1.0, 0.5, 0.0);
         let correction = Correction { map_from_robot: Pose2::IDENTITY, reference: vec![(map_from_scan, 0)] };
-        let drawn = |frame_from_map| hits(&render(&config, frame_from_map, &correction, &scans).unwrap().unwrap());
+        let drawn = |frame_from_map| hits(&render((&config, 1), frame_from_map, &correction, &scans).unwrap().unwrap());
         let here = drawn(Pose2::IDENTITY);
         assert!(
             here.len() > 15 && here.iter().all(|(column, row)| *column == 30 && (-6..=15).contains(row)),

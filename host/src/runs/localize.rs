@@ -9,9 +9,8 @@ use lrfslam_core::scan::RangeScan;
 use lrfslam_core::time::Instant;
 use serde::Serialize;
 
-use crate::config::RunConfig;
-use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerMemory, Located};
-use crate::maps::occupancy::OccupancyMap;
+use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerConfig, LocalizerMemory, Located};
+use crate::maps::occupancy::{MapConfig, OccupancyMap};
 use crate::maps::picture::{PictureNotes, write_picture};
 use crate::output::write_file;
 use crate::program::Program;
@@ -26,7 +25,7 @@ const PICTURE: &str = "localization.png";
 
 /// What a localisation was: `run.json`.
 #[derive(Debug, Clone, Serialize)]
-pub struct LocalizeReport {
+pub struct LocalizeReport<C> {
     /// Name and version of the program.
     pub program: Program,
     /// Folder of the map.
@@ -37,7 +36,7 @@ pub struct LocalizeReport {
     #[serde(flatten)]
     pub source: Source,
     /// Every value used.
-    pub config: RunConfig,
+    pub config: C,
     /// Of the random numbers.
     pub seed: u64,
     /// Pose that the user gave: x, y (m), heading (degrees).
@@ -72,7 +71,7 @@ impl<'m> LocalizeRun<'m> {
     /// # Errors
     /// If the memory does not fit the configuration and the map.
     pub fn new(
-        (config, seed): (&RunConfig, u64),
+        (config, seed): (&LocalizerConfig, u64),
         map: &'m KnownMap,
         start: Option<Pose2>,
         memory: &'m mut LocalizerMemory,
@@ -117,15 +116,17 @@ impl<'m> LocalizeRun<'m> {
 
     /// Writes the results as they are now into `folder`.
     ///
+    /// * `drawing` — how the map is drawn
     /// * `describe` — completes the report
     ///
     /// # Errors
     /// If a file cannot be written.
-    pub fn write_into(
+    pub fn write_into<C: Serialize>(
         &self,
         folder: &Path,
-        describe: impl FnOnce(LocalizeCounts, Option<f64>) -> LocalizeReport,
-    ) -> anyhow::Result<LocalizeReport> {
+        drawing: &MapConfig,
+        describe: impl FnOnce(LocalizeCounts, Option<f64>) -> LocalizeReport<C>,
+    ) -> anyhow::Result<LocalizeReport<C>> {
         let after = self.first.zip(self.first_found).map(|(first, found)| found.since(first).micros as f64 / 1e6);
         let report = describe(self.localizer.counts(), after);
         write_trajectory(&folder.join("trajectory.tum"), &self.path)?;
@@ -135,18 +136,24 @@ impl<'m> LocalizeRun<'m> {
             write_file(&file, text.as_bytes()).with_context(|| format!("{}: cannot be written", file.display()))?;
         }
         let picture = folder.join(PICTURE);
-        draw(self.map, &self.path, &report, &picture)
+        draw(self.map, &self.path, drawing, report.source.has_times(), &picture)
             .with_context(|| format!("{}: cannot be written", picture.display()))?;
         Ok(report)
     }
 }
 
 /// The path over the map that it was found in.
-fn draw(map: &KnownMap, poses: &[TimedPose], report: &LocalizeReport, file: &Path) -> std::io::Result<()> {
-    let mut drawn = OccupancyMap::new(report.config.map);
+fn draw(
+    map: &KnownMap,
+    poses: &[TimedPose],
+    drawing: &MapConfig,
+    has_times: bool,
+    file: &Path,
+) -> std::io::Result<()> {
+    let mut drawn = OccupancyMap::new(*drawing);
     map.draw(&mut drawn);
-    let Some(raster) = drawn.raster(report.config.map.picture_px) else { return Ok(()) };
-    write_picture(file, &raster, poses, &PictureNotes { truth: &[], has_times: report.source.has_times() })
+    let Some(raster) = drawn.raster(drawing.picture_px) else { return Ok(()) };
+    write_picture(file, &raster, poses, &PictureNotes { truth: &[], has_times })
 }
 
 fn push_row(table: &mut String, located: &Located) {

@@ -16,14 +16,12 @@ use lrfslam_core::scan::RangeScan;
 use lrfslam_core::slam::StepReport;
 use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::Instant;
-use lrfslam_robot::LaserConfig;
 use lrfslam_robot::wire::message::{FromRobot, ScanPose};
 
 pub use self::saving::About;
-use crate::config::RunConfig;
 use crate::mapping::high::{HighCounts, HighParticles, HighSlam};
 use crate::mapping::mapper::Mapper;
-use crate::mapping::{LowLevel, LowPose, MapperMemory, ParticlePools};
+use crate::mapping::{LowLevel, LowPose, MappingConfig, MapperMemory, ParticlePools};
 use crate::maps::occupancy::OccupancyMap;
 use crate::robot::{RobotMap, Sweeps};
 
@@ -56,7 +54,7 @@ pub struct RunMemory {
 
 impl RunMemory {
     /// As much as `config` says. `threads` share the work, at least one; results do not depend on them.
-    pub fn new(config: &RunConfig, threads: usize) -> Self {
+    pub fn new(config: &MappingConfig, threads: usize) -> Self {
         let high = config.high_particles().map(|filter| ParticlePools::new(&filter, &config.memory, threads));
         Self { mapper: MapperMemory::new(config, threads), high }
     }
@@ -65,7 +63,7 @@ impl RunMemory {
 /// See the [module](self).
 #[derive(Debug)]
 pub struct Run<'m, L> {
-    config: RunConfig,
+    config: MappingConfig,
     seed: u64,
     low: L,
     high: Option<HighSlam<'m>>,
@@ -92,13 +90,13 @@ impl<'m> MapRun<'m> {
     ///
     /// # Errors
     /// If the memory does not fit the configuration.
-    pub fn new(config: &RunConfig, seed: u64, memory: &'m mut RunMemory) -> anyhow::Result<Self> {
+    pub fn new(config: &MappingConfig, seed: u64, memory: &'m mut RunMemory) -> anyhow::Result<Self> {
         let RunMemory { mapper, high } = memory;
         let particles = config.high_particles().zip(high.as_mut());
         let particles = particles
             .map(|(filter, pools)| HighParticles::new(&config.high_particles, &filter, seed, pools))
             .transpose()?;
-        Ok(Self::with(config, seed, particles, Mapper::new(config, seed, mapper)?))
+        Ok(Self::with(config, seed, particles, Mapper::new(&config.slam, seed, mapper)?))
     }
 
     /// Maps one scan. A scan that cannot be believed is not drawn.
@@ -165,13 +163,13 @@ impl Run<'_, RobotMap> {
     ///
     /// # Errors
     /// If loops are to be closed by particles.
-    pub fn told(config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
+    pub fn told(config: &MappingConfig, seed: u64) -> anyhow::Result<Self> {
         let particles = config.high_particles().is_some();
         anyhow::ensure!(
             !particles,
             "hierarchy.closing is \"particles\", expected \"graph\" with a robot that does the SLAM itself"
         );
-        Ok(Self::with(config, seed, None, RobotMap::new(&config.robot(seed, LaserConfig::default()))))
+        Ok(Self::with(config, seed, None, RobotMap::new(&config.slam, seed)))
     }
 
     /// Takes what a robot says of path and map; a scan is placed where it says, with its beams if they were told before.
@@ -211,7 +209,7 @@ impl Run<'_, RobotMap> {
 }
 
 impl<'m, L: LowLevel> Run<'m, L> {
-    fn with(config: &RunConfig, seed: u64, particles: Option<HighParticles<'m>>, low: L) -> Self {
+    fn with(config: &MappingConfig, seed: u64, particles: Option<HighParticles<'m>>, low: L) -> Self {
         Self {
             config: *config,
             seed,

@@ -4,20 +4,34 @@ use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_robot::wire::message::{FromRobot, Status};
 use lrfslam_robot::wire::session::Progress;
+use serde::Serialize;
 
 use super::map::{About, Run};
-use crate::config::RunConfig;
+use crate::mapping::MappingConfig;
 use crate::mapping::high::HighCounts;
 use crate::maps::io::{PGM_SIDE_MAX, pgm, yaml};
 use crate::output::{ResultFolder, write_file};
 use crate::results::report::{Ending, RobotCounts, RunReport, Source};
 use crate::robot::{JOURNAL, Journal, RobotMap, Told};
 
+/// How a robot's map is made.
+#[derive(Debug, Clone)]
+pub struct RobotSetup<C> {
+    /// The part that makes maps.
+    pub mapping: MappingConfig,
+    /// Where the laser sits on the robot.
+    pub robot_from_lrf: Pose2,
+    /// The program's configuration, for the report and the saved map.
+    pub config: C,
+}
+
 /// See the [module](super).
 #[derive(Debug)]
-pub struct RobotRun {
-    config: RunConfig,
+pub struct RobotRun<C> {
+    mapping: MappingConfig,
     robot_from_lrf: Pose2,
+    /// The program's, for the report and the saved map.
+    config: C,
     run: Run<'static, RobotMap>,
     journal: Journal,
     folder: ResultFolder,
@@ -27,34 +41,37 @@ pub struct RobotRun {
     status: Status,
 }
 
-impl RobotRun {
+impl<C: Serialize + Clone> RobotRun<C> {
     /// A robot of which nothing is known yet, with results and journal in `folder`.
     ///
     /// # Errors
     /// If the journal cannot be written, or loops are to be closed by particles.
-    pub fn open(folder: ResultFolder, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
-        let run = Run::told(config, seed)?;
+    pub fn open(folder: ResultFolder, setup: RobotSetup<C>, seed: u64) -> anyhow::Result<Self> {
+        let run = Run::told(&setup.mapping, seed)?;
         let journal = Journal::create(&folder.growing(JOURNAL))?;
-        Ok(Self::new(config, run, journal, folder))
+        Ok(Self::new(setup, run, journal, folder))
     }
 
     /// Goes on with what the journal in `folder` holds.
     ///
     /// # Errors
     /// If the journal cannot be read or written, or loops are to be closed by particles.
-    pub fn resume(folder: ResultFolder, config: &RunConfig, seed: u64) -> anyhow::Result<Self> {
+    pub fn resume(folder: ResultFolder, setup: RobotSetup<C>, seed: u64) -> anyhow::Result<Self> {
         let mut told = Vec::new();
         let path = folder.growing(JOURNAL);
         let journal = Journal::resume(&path, |message| told.push((message.at, message.bytes.to_vec())))?;
-        let mut run = Self::new(config, Run::told(config, seed)?, journal, folder);
+        let run = Run::told(&setup.mapping, seed)?;
+        let mut run = Self::new(setup, run, journal, folder);
         told.iter().try_for_each(|(at, bytes)| run.hear(&Told { at: *at, bytes }))?;
         Ok(run)
     }
 
-    fn new(config: &RunConfig, run: Run<'static, RobotMap>, journal: Journal, folder: ResultFolder) -> Self {
+    fn new(setup: RobotSetup<C>, run: Run<'static, RobotMap>, journal: Journal, folder: ResultFolder) -> Self {
+        let RobotSetup { mapping, robot_from_lrf, config } = setup;
         Self {
-            config: *config,
-            robot_from_lrf: config.robot_from_lrf(),
+            mapping,
+            robot_from_lrf,
+            config,
             run,
             journal,
             folder,
@@ -120,9 +137,10 @@ impl RobotRun {
         (port, damaged_frames): (&str, u32),
         ending: Ending,
         fault: Option<&anyhow::Error>,
-    ) -> anyhow::Result<RunReport> {
+    ) -> anyhow::Result<RunReport<C>> {
         let source = Source::Robot { port: port.to_owned(), robot: self.counts(damaged_frames) };
-        let about = About { source, odometry: false, ending, fault: fault.map(|error| format!("{error:#}")) };
+        let (config, fault) = (self.config.clone(), fault.map(|error| format!("{error:#}")));
+        let about = About { config, source, odometry: false, ending, fault };
         let robot_map = self.robot_map();
         let run = &mut self.run;
         self.folder.save(|stage| {
@@ -167,7 +185,7 @@ impl RobotRun {
 
     /// The map as the robot has it: of its best particle, in its squares.
     fn robot_map(&self) -> Vec<(&'static str, Vec<u8>)> {
-        let map = self.map().draw(self.config.particle_map.square_size_m, &self.config.map);
+        let map = self.map().draw(self.mapping.slam.particle_map.square_size_m, &self.mapping.map);
         map.raster(PGM_SIDE_MAX).map_or(Vec::new(), |raster| {
             vec![("robot-map.pgm", pgm(&raster)), ("robot-map.yaml", yaml(&raster, "robot-map.pgm").into_bytes())]
         })

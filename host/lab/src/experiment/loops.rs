@@ -2,11 +2,12 @@
 
 use std::fmt::Write as _;
 
+use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::Duration;
 use serde::Serialize;
 
 use crate::evaluation::evaluate_truth;
-use lrfslam_host::config::RunConfig;
+use lrfslam_host::mapping::MappingConfig;
 use lrfslam_host::runs::map::{MapRun, RunMemory};
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::TimedPose;
@@ -34,7 +35,7 @@ pub struct LoopRun {
 /// If a scan is too large, no pose has a partner in `truth`, or the true path
 /// never comes back to a place.
 pub fn run_loop(
-    config: &RunConfig,
+    (config, robot_from_lrf): (&MappingConfig, Pose2),
     (levels, seed): (u16, u64),
     scans: &[LogScan],
     truth: &[TimedPose],
@@ -45,7 +46,7 @@ pub fn run_loop(
     let mut memory = RunMemory::new(&config, 1);
     let mut map = MapRun::new(&config, seed, &mut memory)?;
     for scan in scans {
-        map.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf()), None)?;
+        map.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or(robot_from_lrf), None)?;
     }
     let report = evaluate_truth(&map.trajectory(), truth, Duration::from_millis(50), 10.0)?;
     anyhow::ensure!(report.revisit_m.count > 0, "the true path never comes back to a place: there is no loop to close");

@@ -20,8 +20,7 @@ use rand_core::Rng as _;
 use serde::Serialize;
 
 use super::normalised::{NormalisedError, NormalisedSummary};
-use super::pair::{Contender, align, anywhere, is_determined, is_recovered, overlap, points_of};
-use lrfslam_host::config::RunConfig;
+use super::pair::{Rig, Contender, align, anywhere, is_determined, is_recovered, overlap, points_of};
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::TimedPose;
 
@@ -89,7 +88,7 @@ pub struct MatchPairsError {
 /// # Errors
 /// If the numbers of scans and poses differ, or there is no pair.
 pub fn match_pairs(
-    run: &RunConfig,
+    run: &Rig,
     config: &MatchPairsConfig,
     scans: &[LogScan],
     poses: &[TimedPose],
@@ -102,7 +101,7 @@ pub fn match_pairs(
     let mut rng = RandomStream::new(config.seed, 0, 0);
     for _ in 0..config.pairs {
         let first = ((u64::from(rng.next_u32()) * (scans.len() - gap) as u64) >> 32) as usize;
-        let offset = anywhere(&run.search, &mut rng);
+        let offset = anywhere(&run.slam.search, &mut rng);
         let truth = poses[first].map_from_robot.between(poses[first + gap].map_from_robot);
         bench.judge(&scans[first], &scans[first + gap], truth, offset, &mut rng);
     }
@@ -111,7 +110,7 @@ pub fn match_pairs(
 
 /// Works through pairs and keeps the tally.
 struct Bench {
-    run: RunConfig,
+    run: Rig,
     config: MatchPairsConfig,
     directory: Vec<DirectoryEntry>,
     tiles: Vec<NdtTile>,
@@ -134,13 +133,13 @@ struct Tally {
 const CONTENDERS: [Contender; 3] = [Contender::Polished, Contender::Evolution, Contender::Newton];
 
 impl Bench {
-    fn new(run: &RunConfig, config: &MatchPairsConfig) -> Self {
+    fn new(run: &Rig, config: &MatchPairsConfig) -> Self {
         Self {
             run: *run,
             config: *config,
             directory: vec![DirectoryEntry::default(); 4 * 512 * 512],
             tiles: vec![NdtTile::EMPTY; 16384],
-            population: vec![Member::EMPTY; usize::from(run.de.population)],
+            population: vec![Member::EMPTY; usize::from(run.slam.de.population)],
             without_overlap: 0,
             undetermined: 0,
             judged: 0,
@@ -152,26 +151,26 @@ impl Bench {
     /// Matches `source` against `target` by every contender; the search is centred at truth ⊕ offset⁻¹.
     fn judge(&mut self, target: &LogScan, source: &LogScan, truth: Pose2, offset: Pose2, rng: &mut RandomStream) {
         let reference = points_of(target, 0.0, &self.run);
-        let points = points_of(source, self.run.filter.radius_m, &self.run);
+        let points = points_of(source, self.run.slam.filter.radius_m, &self.run);
         if overlap(&reference, &points, truth) < self.config.overlap_min {
             self.without_overlap += 1;
             return;
         }
-        let layers = usize::from(self.run.ndt.grids);
-        let config = NdtConfig { cell_size_m: self.config.cell_size_m, ..self.run.ndt };
+        let layers = usize::from(self.run.slam.ndt.grids);
+        let config = NdtConfig { cell_size_m: self.config.cell_size_m, ..self.run.slam.ndt };
         let directory = &mut self.directory[..layers * 512 * 512];
         let Ok(mut ndt) = NdtGrid::new(&config, directory, &mut self.tiles) else { return };
         ndt.insert(&reference, Pose2::IDENTITY);
         // A of eq. (4.43), from a scan filtered as the one that is matched.
-        let own = ndt.score(&points_of(target, self.run.filter.radius_m, &self.run), Pose2::IDENTITY);
+        let own = ndt.score(&points_of(target, self.run.slam.filter.radius_m, &self.run), Pose2::IDENTITY);
         let prediction = Prediction { map_from_robot: truth * offset.inverse(), score_expected: own };
         let seed = u64::from(rng.next_u32());
-        let determined = is_determined(&self.run.matcher, &ndt, &points, truth);
+        let determined = is_determined(&self.run.slam.matcher, &ndt, &points, truth);
         self.judged += 1;
         self.undetermined += usize::from(!determined);
         for (contender, tally) in CONTENDERS.into_iter().zip(&mut self.tally) {
             let started = WallInstant::now();
-            let found = align(contender, &self.run, &ndt, &points, &prediction, &mut self.population, seed);
+            let found = align(contender, &self.run.slam, &ndt, &points, &prediction, &mut self.population, seed);
             tally.seconds += started.elapsed().as_secs_f64();
             let recovered = is_recovered(truth.between(found.pose));
             tally.recovered += usize::from(recovered);

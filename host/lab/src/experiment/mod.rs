@@ -22,7 +22,7 @@ pub use map3d::{CloudError, Surface, judge_cloud, read_surfaces};
 pub use match_pairs::{MatchPairsConfig, MatchPairsError, MatchPairsReport, match_pairs};
 pub use motion_model::{AxisModel, MotionModel, fit_motion_model};
 pub use normalised::{AxisShares, NormalisedError, NormalisedSummary, normalised_csv, plot_normalised};
-pub use pair::Contender;
+pub use pair::{Contender, Rig};
 pub use plots::{PlotError, plot_distributions, plot_errors};
 pub use starts::{StartFound, StartOutcome, StartsConfig, starts_csv, starts_summary, try_starts};
 pub use sweep::{CaseSummary, Method, PairError, SweepCase, SweepConfig, SweepError, SweepReport, sweep, write_csv};

@@ -1,17 +1,17 @@
 //! Matching one pair of scans: what all experiments on pairs share.
 
-use lrfslam_core::de::{DeConfig, Member};
+use lrfslam_core::de::Member;
 use lrfslam_core::filter::{FilterConfig, hits, thin};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::matcher::{Match, MatcherConfig, Prediction, ScanMatcher, SearchConfig};
 use lrfslam_core::math::uniform;
 use lrfslam_core::ndt::NdtGrid;
 use lrfslam_core::random::RandomStream;
+use lrfslam_core::slam::SlamConfig;
 use lrfslam_core::sweep::Sweep;
 use nalgebra::Matrix3;
 use serde::Serialize;
 
-use lrfslam_host::config::RunConfig;
 use lrfslam_host::scans::log::LogScan;
 
 /// A match this near to the truth is a recovery.
@@ -40,15 +40,26 @@ pub(super) fn anywhere(search: &SearchConfig, rng: &mut RandomStream) -> Pose2 {
     )
 }
 
+/// What pairs are matched with.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Rig {
+    /// Of which matching alone.
+    #[serde(flatten)]
+    pub slam: SlamConfig,
+    /// Where the laser sits in logs that do not tell it.
+    #[serde(skip)]
+    pub robot_from_lrf: Pose2,
+}
+
 /// True if a match that is off by `error` counts as found.
 pub(super) fn is_recovered(error: Pose2) -> bool {
     error.position().norm() <= RECOVERED_M && error.heading.abs() <= RECOVERED_RAD
 }
 
 /// Points of a scan in the robot frame, filtered with `radius_m`.
-pub(super) fn points_of(scan: &LogScan, radius_m: f32, run: &RunConfig) -> Vec<Point2> {
+pub(super) fn points_of(scan: &LogScan, radius_m: f32, rig: &Rig) -> Vec<Point2> {
     let (mut raw, mut points) = (vec![Point2::default(); scan.beams.len()], vec![Point2::default(); scan.beams.len()]);
-    let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| run.robot_from_lrf());
+    let robot_from_lrf = scan.robot_from_lrf.unwrap_or(rig.robot_from_lrf);
     // There is a place for every beam: this cannot fail.
     let hits = hits(&Sweep::at_rest(scan.scan(), robot_from_lrf), &mut raw);
     let count = hits.and_then(|hits| thin(&FilterConfig { radius_m }, hits, &mut points)).map_or(0, |kept| kept.len());
@@ -81,18 +92,17 @@ pub(super) struct Found {
 /// The pose that `contender` finds for `points` in `ndt`.
 pub(super) fn align(
     contender: Contender,
-    run: &RunConfig,
+    config: &SlamConfig,
     ndt: &NdtGrid<'_>,
     points: &[Point2],
     prediction: &Prediction,
     population: &mut [Member<3>],
     seed: u64,
 ) -> Found {
-    let newton_steps = if contender == Contender::Evolution { 0 } else { run.matcher.newton_steps };
+    let newton_steps = if contender == Contender::Evolution { 0 } else { config.matcher.newton_steps };
     // Nothing is known of the motion here: no prior.
-    let config = MatcherConfig { newton_steps, prior_position_m: 0.0, prior_heading_deg: 0.0, ..run.matcher };
-    let (search, de): (SearchConfig, DeConfig) = (run.search, run.de);
-    let mut matcher = ScanMatcher::new(&search, &de, &config, population);
+    let matching = MatcherConfig { newton_steps, prior_position_m: 0.0, prior_heading_deg: 0.0, ..config.matcher };
+    let mut matcher = ScanMatcher::new(&config.search, &config.de, &matching, population);
     if contender == Contender::Newton {
         return Found { pose: matcher.align_locally(ndt, points, prediction), covariance: None };
     }

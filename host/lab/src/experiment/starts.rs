@@ -5,8 +5,7 @@ use std::fmt::Write as _;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::{Duration, Instant};
 
-use lrfslam_host::config::RunConfig;
-use lrfslam_host::localize::{KnownMap, Localizer, LocalizerMemory};
+use lrfslam_host::localize::{KnownMap, Localizer, LocalizerConfig, LocalizerMemory};
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::TimedPose;
@@ -57,7 +56,7 @@ pub struct StartFound {
 /// # Errors
 /// If a scan is too large for the memory.
 pub fn try_starts(
-    config: &RunConfig,
+    (config, robot_from_lrf): (&LocalizerConfig, Pose2),
     starts: &StartsConfig,
     map: &KnownMap,
     scans: &[LogScan],
@@ -73,13 +72,13 @@ pub fn try_starts(
         }
         next = Some(Instant::from_micros(stamp.micros + starts.every.micros));
         let mut localizer = Localizer::new(config, starts.seed, map, None, &mut memory)?;
-        outcomes.push(try_start(config, starts, &mut localizer, &scans[index..], truth)?);
+        outcomes.push(try_start(robot_from_lrf, starts, &mut localizer, &scans[index..], truth)?);
     }
     Ok(outcomes)
 }
 
 fn try_start(
-    config: &RunConfig,
+    robot_from_lrf: Pose2,
     starts: &StartsConfig,
     localizer: &mut Localizer<'_>,
     scans: &[LogScan],
@@ -98,7 +97,7 @@ fn try_start(
             outcome.way_m += f64::from((now.position() - before.position()).norm());
         }
         before = true_pose.or(before);
-        let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
+        let robot_from_lrf = scan.robot_from_lrf.unwrap_or(robot_from_lrf);
         let located = localizer.add_scan(&scan.scan(), robot_from_lrf)?;
         if let Some((located, true_pose)) = located.zip(true_pose) {
             let error = PoseF64::from(true_pose).between(PoseF64::from(located.map_from_robot));

@@ -17,9 +17,8 @@ use lrfslam_core::scan::{Beam, Echo};
 use rand_core::Rng as _;
 use serde::Serialize;
 
-use super::pair::{Contender, align, anywhere, is_determined, is_recovered, overlap, points_of};
+use super::pair::{Rig, Contender, align, anywhere, is_determined, is_recovered, overlap, points_of};
 use crate::evaluation::Statistics;
-use lrfslam_host::config::RunConfig;
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::TimedPose;
 
@@ -46,7 +45,7 @@ pub struct SweepCase {
     /// For tables and plots, such as `NP 20`.
     pub label: String,
     /// Everything it is matched with.
-    pub run: RunConfig,
+    pub run: Rig,
     /// Standard deviation added to all ranges, m.
     pub noise_m: f32,
 }
@@ -249,8 +248,8 @@ struct Pair<'s> {
 }
 
 impl Pair<'_> {
-    fn overlaps(&self, run: &RunConfig, needed: f32) -> bool {
-        let (target, source) = (points_of(self.target, 0.0, run), points_of(self.source, run.filter.radius_m, run));
+    fn overlaps(&self, run: &Rig, needed: f32) -> bool {
+        let (target, source) = (points_of(self.target, 0.0, run), points_of(self.source, run.slam.filter.radius_m, run));
         overlap(&target, &source, self.truth) >= needed
     }
 }
@@ -286,24 +285,24 @@ impl Bench {
     }
 
     /// True if the scene determines every axis at the truth, by our cells and without added noise.
-    fn is_determined(&mut self, pair: &Pair<'_>, run: &RunConfig) -> bool {
+    fn is_determined(&mut self, pair: &Pair<'_>, run: &Rig) -> bool {
         let config = self.config(Method::Ours, run);
         let Some(mut ndt) = cells(&config, &mut self.directory, &mut self.tiles) else { return false };
         ndt.insert(&points_of(pair.target, 0.0, run), Pose2::IDENTITY);
-        is_determined(&run.matcher, &ndt, &points_of(pair.source, run.filter.radius_m, run), pair.truth)
+        is_determined(&run.slam.matcher, &ndt, &points_of(pair.source, run.slam.filter.radius_m, run), pair.truth)
     }
 
-    fn config(&self, method: Method, run: &RunConfig) -> NdtConfig {
+    fn config(&self, method: Method, run: &Rig) -> NdtConfig {
         match method {
-            Method::Thesis => NdtConfig { cell_size_m: 1.0, grids: 1, noise_m: 0.0, ..run.ndt },
-            Method::Ours => NdtConfig { cell_size_m: self.cell_size_m, ..run.ndt },
+            Method::Thesis => NdtConfig { cell_size_m: 1.0, grids: 1, noise_m: 0.0, ..run.slam.ndt },
+            Method::Ours => NdtConfig { cell_size_m: self.cell_size_m, ..run.slam.ndt },
         }
     }
 
     fn judge(&mut self, trial: &Trial<'_>) -> PairError {
         let Trial { pair, case, index, method, seed } = *trial;
         let mut rng = RandomStream::new(seed.wrapping_mul(1_000_003).wrapping_add(pair.pose as u64), 0, 0);
-        let centre = pair.truth * anywhere(&case.run.search, &mut rng).inverse();
+        let centre = pair.truth * anywhere(&case.run.slam.search, &mut rng).inverse();
         let search_seed = u64::from(rng.next_u32());
         let target = noisy(pair.target, case.noise_m, &mut rng);
         let source = noisy(pair.source, case.noise_m, &mut rng);
@@ -331,11 +330,11 @@ impl Bench {
         let Some(mut ndt) = cells(&config, &mut self.directory, &mut self.tiles) else { return centre };
         ndt.insert(&points_of(target, 0.0, run), Pose2::IDENTITY);
         // A of eq. (4.43), from a scan filtered as the one that is matched.
-        let score_expected = ndt.score(&points_of(target, run.filter.radius_m, run), Pose2::IDENTITY);
-        let points = points_of(source, run.filter.radius_m, run);
+        let score_expected = ndt.score(&points_of(target, run.slam.filter.radius_m, run), Pose2::IDENTITY);
+        let points = points_of(source, run.slam.filter.radius_m, run);
         let prediction = Prediction { map_from_robot: centre, score_expected };
         let contender = if trial.method == Method::Thesis { Contender::Evolution } else { Contender::Polished };
-        align(contender, run, &ndt, &points, &prediction, &mut self.population, seed).pose
+        align(contender, &run.slam, &ndt, &points, &prediction, &mut self.population, seed).pose
     }
 }
 

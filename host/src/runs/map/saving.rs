@@ -5,6 +5,7 @@ use std::path::Path;
 use std::time::Instant as WallInstant;
 
 use anyhow::Context as _;
+use serde::Serialize;
 
 use super::Run;
 use crate::mapping::LowLevel;
@@ -21,7 +22,9 @@ use crate::trajectory::{TimedPose, write_trajectory};
 
 /// What a run does not know of itself.
 #[derive(Debug, Clone)]
-pub struct About {
+pub struct About<C> {
+    /// The program's configuration, for the report and the saved map.
+    pub config: C,
     /// Where the scans came from.
     pub source: Source,
     /// The log's odometry was used.
@@ -37,11 +40,15 @@ impl<L: LowLevel> Run<'_, L> {
     ///
     /// # Errors
     /// If a file cannot be written.
-    pub fn write_into(&mut self, folder: &Path, about: &About) -> anyhow::Result<RunReport> {
+    pub fn write_into<C: Serialize + Clone>(
+        &mut self,
+        folder: &Path,
+        about: &About<C>,
+    ) -> anyhow::Result<RunReport<C>> {
         let started = WallInstant::now();
         let trajectory = self.trajectory();
         let map = self.drawn(&trajectory);
-        let saved = self.saved_map(&trajectory)?;
+        let saved = self.saved_map(&trajectory, toml::to_string(&about.config)?)?;
         // Without a known cell there is nothing to draw; the report says how many beams hit.
         let raster = map.raster(PGM_SIDE_MAX);
         if let Some(raster) = &raster {
@@ -72,9 +79,9 @@ impl<L: LowLevel> Run<'_, L> {
     }
 
     /// All that is needed to draw the map again.
-    fn saved_map(&self, trajectory: &[TimedPose]) -> anyhow::Result<SavedMap> {
+    fn saved_map(&self, trajectory: &[TimedPose], config: String) -> anyhow::Result<SavedMap> {
         if let Some(high) = &self.high {
-            return Ok(SavedMap::new(&self.config, high));
+            return Ok(SavedMap::new(config, high));
         }
         let mut scans = vec![None; trajectory.len()];
         for (scan, place) in self.drawn.iter().enumerate() {
@@ -82,7 +89,7 @@ impl<L: LowLevel> Run<'_, L> {
         }
         let path = trajectory.iter().copied().zip(scans);
         let high = HighSlam::of_path(&self.config.high_slam(), path, self.scans.clone())?;
-        Ok(SavedMap::new(&self.config, &high))
+        Ok(SavedMap::new(config, &high))
     }
 
     /// The kept scans, drawn from the path of the highest level.
@@ -104,12 +111,12 @@ impl<L: LowLevel> Run<'_, L> {
         Cow::Owned(map)
     }
 
-    fn report(&self, about: &About, quality: Quality) -> RunReport {
+    fn report<C: Clone>(&self, about: &About<C>, quality: Quality) -> RunReport<C> {
         RunReport {
             program: Program::THIS,
             source: about.source.clone(),
             continues: self.continues.clone(),
-            config: self.config,
+            config: about.config.clone(),
             seed: self.seed,
             odometry: about.odometry,
             beams: self.beams,

@@ -9,19 +9,17 @@ use std::path::Path;
 
 use lrfslam_core::config::{ConfigError, Section};
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::low_slam::{LowSlamConfig, LowSlamConfigs};
-use lrfslam_core::perception::PerceptionConfig;
 use lrfslam_core::slam::SlamConfig;
 use lrfslam_core::time::Duration;
 use lrfslam_robot::{LaserConfig, ReportConfig, RobotConfig};
 use serde::{Deserialize, Serialize};
 
-use crate::localize::LocalizeConfig;
-use crate::mapping::MemoryConfig;
-use crate::mapping::high::{HighConfig, HighConfigs, HighParticlesConfig, SegmentConfig};
-use crate::maps::occupancy::MapConfig;
-use crate::places::ClosureConfig;
-use crate::scans::log::LogOptions;
+use lrfslam_host::localize::{LocalizeConfig, LocalizerConfig};
+use lrfslam_host::mapping::{HierarchyConfig, MappingConfig, MemoryConfig};
+use lrfslam_host::mapping::high::{HighConfig, HighParticlesConfig, SegmentConfig};
+use lrfslam_host::maps::occupancy::MapConfig;
+use lrfslam_host::places::ClosureConfig;
+use lrfslam_host::scans::log::LogOptions;
 
 lrfslam_core::config! {
     /// How the log is read.
@@ -57,27 +55,6 @@ lrfslam_core::config! {
         /// Rotation within one sweep, degrees. The thesis' example: 0.25.
         error_deg: f32 = 5.0, in 0.001..=180.0;
     }
-}
-
-lrfslam_core::config! {
-    /// Levels of SLAM.
-    pub struct HierarchyConfig {
-        /// 0: scan matching alone. 1: particles over whole maps, DP-SLAM's low level. 2: loops closed between segments of its path.
-        levels: u16 = 2, in 0..=2;
-        /// What closes loops at level 2. The thesis: "particles".
-        closing: Closing = Closing::Graph;
-    }
-}
-
-lrfslam_core::config_choice! {
-    /// What closes loops.
-    pub enum Closing {
-        /// Places recognised, and a graph of poses.
-        Graph = "graph",
-        /// Particles that are histories of segments (the thesis).
-        Particles = "particles",
-    }
-    choices "\"graph\" or \"particles\""
 }
 
 /// Declares the sections of the configuration, in the order in which they are printed: its own, and those of SLAM.
@@ -292,19 +269,16 @@ impl RunConfig {
         RobotConfig { seed, robot_from_lrf, laser, slam: self.slam(), report: self.report }
     }
 
-    /// The part that the high level works with.
-    pub fn high_slam(&self) -> HighConfigs {
-        HighConfigs { high: self.high, segment: self.segment, closure: self.closure, ndt: self.ndt }
+    /// The part that makes maps.
+    pub fn mapping(&self) -> MappingConfig {
+        let Self { hierarchy, high, segment, closure, high_particles, memory, map, .. } = *self;
+        MappingConfig { slam: self.slam(), hierarchy, high, segment, closure, high_particles, memory, map }
     }
 
-    /// What core's particle filter works with at the high level, if loops are closed by particles.
-    pub fn high_particles(&self) -> Option<LowSlamConfigs> {
-        let HighParticlesConfig { particles, samples_per_particle, sigma_m, gain, .. } = self.high_particles;
-        (self.hierarchy.levels > 1 && self.hierarchy.closing == Closing::Particles).then(|| LowSlamConfigs {
-            filter: LowSlamConfig { particles, samples_per_particle, ..self.particles },
-            perception: PerceptionConfig { sigma_m, gain, ..self.perception },
-            ..self.slam().low_slam()
-        })
+    /// The part that finds and follows a robot in a map.
+    pub fn localizer(&self) -> LocalizerConfig {
+        let Self { localize, segment, closure, memory, .. } = *self;
+        LocalizerConfig { localize, slam: self.slam(), segment, closure, memory }
     }
 
     /// The configured mounting of the laser, for logs that do not tell it.

@@ -1,0 +1,69 @@
+//! The configuration of mapping: that of SLAM, and what a computer does besides.
+
+use lrfslam_core::low_slam::{LowSlamConfig, LowSlamConfigs};
+use lrfslam_core::perception::PerceptionConfig;
+use lrfslam_core::slam::SlamConfig;
+
+use super::high::{HighConfig, HighConfigs, HighParticlesConfig, SegmentConfig};
+use super::memory::MemoryConfig;
+use crate::maps::occupancy::MapConfig;
+use crate::places::ClosureConfig;
+
+lrfslam_core::config! {
+    /// Levels of SLAM.
+    pub struct HierarchyConfig {
+        /// 0: scan matching alone. 1: particles over whole maps, DP-SLAM's low level. 2: loops closed between segments of its path.
+        levels: u16 = 2, in 0..=2;
+        /// What closes loops at level 2. The thesis: "particles".
+        closing: Closing = Closing::Graph;
+    }
+}
+
+lrfslam_core::config_choice! {
+    /// What closes loops.
+    pub enum Closing {
+        /// Places recognised, and a graph of poses.
+        Graph = "graph",
+        /// Particles that are histories of segments (the thesis).
+        Particles = "particles",
+    }
+    choices "\"graph\" or \"particles\""
+}
+
+/// Everything that decides what map is made of scans.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MappingConfig {
+    /// The low level's.
+    pub slam: SlamConfig,
+    /// Levels of SLAM.
+    pub hierarchy: HierarchyConfig,
+    /// High level.
+    pub high: HighConfig,
+    /// Segments of the path.
+    pub segment: SegmentConfig,
+    /// Closing of loops.
+    pub closure: ClosureConfig,
+    /// Particles of the high level.
+    pub high_particles: HighParticlesConfig,
+    /// Memory.
+    pub memory: MemoryConfig,
+    /// How the map is drawn.
+    pub map: MapConfig,
+}
+
+impl MappingConfig {
+    /// The part that the high level works with.
+    pub fn high_slam(&self) -> HighConfigs {
+        HighConfigs { high: self.high, segment: self.segment, closure: self.closure, ndt: self.slam.ndt }
+    }
+
+    /// What core's particle filter works with at the high level, if loops are closed by particles.
+    pub fn high_particles(&self) -> Option<LowSlamConfigs> {
+        let HighParticlesConfig { particles, samples_per_particle, sigma_m, gain, .. } = self.high_particles;
+        (self.hierarchy.levels > 1 && self.hierarchy.closing == Closing::Particles).then(|| LowSlamConfigs {
+            filter: LowSlamConfig { particles, samples_per_particle, ..self.slam.particles },
+            perception: PerceptionConfig { sigma_m, gain, ..self.slam.perception },
+            ..self.slam.low_slam()
+        })
+    }
+}
