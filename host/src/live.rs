@@ -4,6 +4,7 @@
 //! which are counted, and not bytes, which would damage them.
 
 mod replay;
+mod stream;
 mod words;
 
 use std::fmt;
@@ -19,6 +20,8 @@ use lrfslam_core::time::Instant;
 use crate::driver::{DriverEvent, GaveUp, LrfOptions, Opener, RunEnd, Search, run_driver};
 use crate::link::Address;
 use crate::recording::{RecordPlan, Recorder, RecordingEnd, RecordingHeader, RecordingReport};
+pub use stream::ScanStream;
+
 use replay::replay;
 use words::Words;
 

@@ -145,7 +145,8 @@ fn draw(map: &KnownMap, poses: &[TimedPose], report: &LocalizeReport, file: &Pat
     let mut drawn = OccupancyMap::new(report.config.map);
     map.draw(&mut drawn);
     let Some(raster) = drawn.raster(report.config.map.picture_px) else { return Ok(()) };
-    write_picture(file, &raster, poses, &PictureNotes::of(&report.source))
+    let found_after_s = report.first_found_after_s.unwrap_or(0.0);
+    write_picture(file, &raster, poses, &PictureNotes { found_after_s, ..PictureNotes::of(&report.source) })
 }
 
 fn push_row(table: &mut String, located: &Located) {

@@ -17,6 +17,7 @@ use super::summary::summary;
 use crate::config::RunConfig;
 use crate::link::Address;
 use crate::output::ResultFolder;
+use crate::plural::count;
 use crate::robot::{ClientMemory, JOURNAL, LinkEvent, RobotClient, RobotEvent, RobotLink, RobotRun, Told};
 use crate::run_report::Ending;
 
@@ -291,8 +292,9 @@ impl<'a> Book<'a> {
             Some(FromRobot::Identity(identity)) => {
                 let state = if identity.is_configured { "mapping already" } else { "waiting" };
                 self.say(&format!(
-                    "{}: {state}, memory for {} particles",
-                    identity.board, identity.capacities.particles
+                    "{}: {state}, memory for {}",
+                    identity.board,
+                    count(identity.capacities.particles.into(), "particle")
                 ));
             }
             Some(FromRobot::Said(words)) => self.say(words),
@@ -370,13 +372,17 @@ impl<'a> Book<'a> {
         let Some(run) = self.run.as_ref().filter(|_| self.told_at.elapsed() >= TELL_EVERY) else { return };
         self.told_at = WallInstant::now();
         let Status { map_from_robot, scans, particles, tiles, .. } = run.status();
-        let closures = run.high_counts().map_or(String::new(), |high| format!(", {} loops closed", high.closures));
+        let closures =
+            run.high_counts().map_or(String::new(), |high| format!(", {} closed", count(high.closures, "loop")));
         self.say(&format!(
-            "{scans} scans, {} here; robot at {:.2} m, {:.2} m, {:.0}°; {particles} particles in {tiles} tiles{closures}",
+            "{}, {} here; robot at {:.2} m, {:.2} m, {:.0}°; {} in {}{closures}",
+            count(u64::from(*scans), "scan"),
             run.map().scans().len(),
             map_from_robot.x,
             map_from_robot.y,
             map_from_robot.heading.to_degrees(),
+            count(u64::from(*particles), "particle"),
+            count(u64::from(*tiles), "tile"),
         ));
     }
 }

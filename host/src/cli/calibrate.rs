@@ -7,14 +7,15 @@ use clap::Args;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::Duration;
 
-use super::shared::{ConfigArgs, RELATIONS, SeedArgs, TRUTH};
+use super::shared::{ConfigArgs, LOG, RELATIONS, SeedArgs, TRUTH};
 use super::{Failure, print};
 use crate::calibration::{Growth, MotionFit};
 use crate::config::RunConfig;
 use crate::evaluation::{Relation, displacement_errors, read_relations, relations_of_path};
-use crate::log::LogReader;
+use crate::log::LogScan;
 use crate::mapper::{Mapper, MapperMemory};
 use crate::output::write_file;
+use crate::scans::read_scans;
 use crate::trajectory::{TimedPose, read_trajectory};
 
 /// Fit the particles' motion noise to the errors of scan matching on a log with known poses.
@@ -23,7 +24,7 @@ use crate::trajectory::{TimedPose, read_trajectory};
 /// a [motion] section for --config.
 #[derive(Debug, Args)]
 pub(super) struct CalibrateArgs {
-    /// The log.
+    #[arg(help = LOG)]
     log: PathBuf,
     #[command(flatten)]
     known: Known,
@@ -50,8 +51,8 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     config.hierarchy.levels = 0;
     let known = known_displacements(&args.known)?;
     let matched = {
-        let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-        match_log(log, args.seed.seed, &config).map_err(Failure::Work)?
+        let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
+        match_scans(&scans, args.seed.seed, &config).map_err(Failure::Work)?
     };
     let tolerance = Duration::from_millis(50);
     let errors = displacement_errors(&matched.path, &matched.steps, &known, tolerance);
@@ -90,13 +91,12 @@ struct Matched {
     predictions: Vec<Pose2>,
 }
 
-fn match_log(log: LogReader, seed: u64, config: &RunConfig) -> anyhow::Result<Matched> {
+fn match_scans(scans: &[LogScan], seed: u64, config: &RunConfig) -> anyhow::Result<Matched> {
     let mut memory = MapperMemory::new(config, 1);
     let mut mapper = Mapper::new(config, seed, &mut memory)?;
     let mut matched = Matched { path: Vec::new(), steps: Vec::new(), predictions: Vec::new() };
     let (mut steps, mut map_from_step) = (0, Pose2::IDENTITY);
-    for scan in log {
-        let scan = scan?;
+    for scan in scans {
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
         let (step, _) = mapper.add_scan(&scan.scan(), robot_from_lrf, None)?;
         let found = &step.odometry;

@@ -12,7 +12,8 @@ use crate::evaluation::{
     RelationReport, Standing, Statistics, StretchReport, TruthReport, Turn, evaluate_in_frame, evaluate_relations,
     evaluate_stretches, evaluate_truth, read_relations,
 };
-use crate::log::{LogOptions, LogReader, LogScan};
+use crate::log::LogOptions;
+use crate::scans::read_scans;
 use crate::trajectory::{TimedPose, read_trajectory, with_poses};
 
 /// Judge a trajectory by relations between poses or by the true path.
@@ -89,8 +90,7 @@ fn by_truth(args: &EvalArgs, poses: &[TimedPose], file: &Path, tolerance: Durati
 }
 
 fn by_stretches(args: &EvalArgs, poses: &[TimedPose], log: &Path) -> Result<String, Failure> {
-    let scans = LogReader::open(log, LogOptions::default()).map_err(Failure::start)?;
-    let scans: Vec<LogScan> = scans.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let scans = read_scans(log, LogOptions::default()).map_err(Failure::Start)?;
     let (scans, poses) = with_poses(scans, poses);
     let report = evaluate_stretches(&poses, &scans).map_err(Failure::start)?;
     args.json.choose(&report, || stretch_table(&report))

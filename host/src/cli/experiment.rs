@@ -10,15 +10,15 @@ use super::cloud::{TiltArgs, from_log};
 use super::experiment_starts::{self, StartsArgs};
 use super::experiment_sweep::{self, SweepArgs};
 use super::out::OutArgs;
-use super::shared::{CELL, ConfigArgs, JsonArgs, SEEDS, SeedArgs, TRUTH, TellArgs, with_folder};
+use super::shared::{CELL, ConfigArgs, JsonArgs, LOG, SEEDS, SeedArgs, TRUTH, TellArgs, with_folder};
 use super::{Failure, print};
 use crate::cloud::{CloudCounts, EdgeFilter};
 use crate::experiment::{
     CloudError, Experiment, LoopRun, MatchPairsConfig, MatchPairsReport, judge_cloud, loop_csv, loop_markdown,
     match_pairs, normalised_csv, plot_growth, plot_normalised, read_growth, read_surfaces, run_loop,
 };
-use crate::log::{LogReader, LogScan};
 use crate::output::write_file;
+use crate::scans::read_scans;
 use crate::trajectory::{read_trajectory, with_poses};
 
 /// Measure the methods on scans whose true path is known, simulated or real.
@@ -83,7 +83,7 @@ struct GrowthArgs {
 /// How often scans displaced anywhere in the search box are found again: by differential evolution and by Newton's method.
 #[derive(Debug, Args)]
 struct MatchPairsArgs {
-    /// The log.
+    #[arg(help = LOG)]
     log: PathBuf,
     #[arg(long, value_name = "FILE", help = TRUTH)]
     truth: PathBuf,
@@ -149,8 +149,7 @@ pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
 
 fn run_loops(args: &LoopArgs) -> Result<(), Failure> {
     let config = args.config.load()?;
-    let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
     let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
     let mut folder = args.out.folder("loop")?;
     let each = args.levels.iter().flat_map(|levels| (1..=args.seeds).map(move |seed| (*levels, seed)));
@@ -180,8 +179,7 @@ fn save(file: &Path, text: &str) -> Result<(), Failure> {
 
 fn run_match_pairs(args: &MatchPairsArgs) -> Result<(), Failure> {
     let config = args.config.load()?;
-    let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
     let poses = read_trajectory(&args.truth).map_err(Failure::start)?;
     let (scans, poses) = with_poses(scans, &poses);
     let pairs = MatchPairsConfig {

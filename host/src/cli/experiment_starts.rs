@@ -6,13 +6,13 @@ use clap::Args;
 use lrfslam_core::time::Duration;
 
 use super::localize::not_whole;
-use super::shared::{ConfigArgs, MAP, SeedArgs, TRUTH};
+use super::shared::{ConfigArgs, LOG, MAP, SeedArgs, TRUTH};
 use super::{Failure, print};
 use crate::experiment::{StartsConfig, starts_csv, starts_summary, try_starts};
 use crate::localize::KnownMap;
-use crate::log::{LogReader, LogScan};
 use crate::output::write_file;
 use crate::saved_map::SavedMap;
+use crate::scans::read_scans;
 use crate::trajectory::read_trajectory;
 
 /// Does a robot find itself in a saved map, wherever it is switched on? Starts every few seconds of a log, each from an unknown place.
@@ -20,7 +20,7 @@ use crate::trajectory::read_trajectory;
 /// The true path is in the map's frame, with a pose under the time of every scan.
 #[derive(Debug, Args)]
 pub(super) struct StartsArgs {
-    /// The log.
+    #[arg(help = LOG)]
     log: PathBuf,
     #[arg(long, value_name = "DIR", help = MAP)]
     map: PathBuf,
@@ -51,8 +51,7 @@ pub(super) fn run(args: &StartsArgs) -> Result<(), Failure> {
     let saved = SavedMap::read(&args.map).map_err(Failure::start)?;
     let config = args.config.load_over(saved.config, [])?;
     let map = KnownMap::new(&saved, &config).map_err(|error| not_whole(&args.map, &error))?;
-    let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
     let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
     let seconds = |seconds: u32| Duration::from_micros(i64::from(seconds) * 1_000_000);
     let starts = StartsConfig {

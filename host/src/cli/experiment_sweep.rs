@@ -8,20 +8,20 @@ use lrfslam_core::de::DeConfig;
 
 use super::Failure;
 use super::out::OutArgs;
-use super::shared::{CELL, ConfigArgs, SEEDS, TRUTH, TellArgs, with_folder};
+use super::shared::{CELL, ConfigArgs, LOG, SEEDS, TRUTH, TellArgs, with_folder};
 use crate::config::RunConfig;
 use crate::experiment::{
     Experiment, Method, MotionModel, PairError, SweepCase, SweepConfig, SweepReport, fit_motion_model, markdown,
     plot_distributions, plot_errors, sweep, write_csv,
 };
-use crate::log::{LogReader, LogScan};
 use crate::output::write_file;
+use crate::scans::read_scans;
 use crate::trajectory::{read_trajectory, with_poses};
 
 /// What a sweep needs.
 #[derive(Debug, Args)]
 pub(super) struct SweepArgs {
-    /// The log.
+    #[arg(help = LOG)]
     log: PathBuf,
     #[arg(long, value_name = "FILE", help = TRUTH)]
     truth: PathBuf,
@@ -57,8 +57,7 @@ fn millimetres(text: &str) -> Result<f32, String> {
 
 pub(super) fn run(experiment: Experiment, args: &SweepArgs) -> Result<(), Failure> {
     let config = args.config.load()?;
-    let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
     let poses = read_trajectory(&args.truth).map_err(Failure::start)?;
     let (scans, poses) = with_poses(scans, &poses);
     let cases = cases(experiment, &config, args.noise / 1000.0);

@@ -11,6 +11,7 @@ use lrfslam_host::cli::demo::DemoArgs;
 use lrfslam_host::live::{Item, SourceReport};
 use lrfslam_host::map_run::{About, MapRun};
 use lrfslam_host::output::ResultFolder;
+use lrfslam_host::plural::count;
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::run_report::{Ending, LaserCounts, RunReport, Source};
 
@@ -141,10 +142,11 @@ impl<'a, 'm> Session<'a, 'm> {
         };
         let (scans, tilted) = (self.level.len(), self.tilted.len());
         self.say(&format!(
-            "{:5.0} s  at {:5.1} {:5.1} m  {scans} scans mapped, {tilted} tilted; {now}",
+            "{:5.0} s  at {:5.1} {:5.1} m  {} mapped, {tilted} tilted; {now}",
             driven.as_secs_f64(),
             truth.x,
-            truth.y
+            truth.y,
+            count(scans as u64, "scan")
         ));
     }
 
@@ -166,7 +168,11 @@ impl<'a, 'm> Session<'a, 'm> {
         let notice = match self.level.len() {
             0 => "no scan came: no results were written".to_owned(),
             scans => match folder.save(|stage| self.map.write_into(stage, &about)) {
-                Ok(_) => format!("stopped after {scans} scans; partial results are in {}", folder.named().display()),
+                Ok(_) => format!(
+                    "stopped after {}; partial results are in {}",
+                    count(scans as u64, "scan"),
+                    folder.named().display()
+                ),
                 Err(error) => return Failure::Work(error),
             },
         };
