@@ -32,7 +32,7 @@ pub struct Scans {
 
 enum Origin {
     Log { reader: Box<LogReader>, is_piped: bool, is_over: bool },
-    Laser { stream: ScanStream, file: Option<PathBuf>, report: Option<SourceReport> },
+    Laser { stream: Box<ScanStream>, file: Option<PathBuf>, report: Option<SourceReport> },
 }
 
 /// A log from the standard input.
@@ -84,14 +84,14 @@ impl Scans {
     pub fn replay(path: &Path, fast: bool, stop: &'static AtomicBool, say: Say) -> anyhow::Result<Self> {
         RecordingReader::open(path)?;
         let source = ScanSource::Recording { path: path.to_owned(), fast };
-        let (stream, file) = (ScanStream::new(source, stop, say), Some(path.to_owned()));
+        let (stream, file) = (Box::new(ScanStream::new(source, stop, say)), Some(path.to_owned()));
         Ok(Self { name: path.display().to_string(), stop, origin: Origin::Laser { stream, file, report: None } })
     }
 
     /// Those of a laser, from now on.
     pub fn live(laser: LiveLaser, stop: &'static AtomicBool, say: Say) -> Self {
         let name = laser.address.to_string();
-        let stream = ScanStream::new(ScanSource::Live(laser), stop, say);
+        let stream = Box::new(ScanStream::new(ScanSource::Live(laser), stop, say));
         Self { name, stop, origin: Origin::Laser { stream, file: None, report: None } }
     }
 

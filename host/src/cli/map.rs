@@ -13,10 +13,10 @@ use crate::scans::{Scans, is_stdin};
 
 /// Map a recorded laser log.
 ///
-/// LOG is a CARMEN log (FLASER, ROBOTLASER1), a DP-SLAM log or tinySLAM's URG-04LX sample, plain or gzip, or a laser.rec that `lrfslam run` has written. Written are
-/// trajectory.tum (the robot's pose for every scan, by time), map.pgm and map.yaml (for ROS), map.png (for people), steps.csv
-/// (what the particle filter did), run.json and map.lrfslam (for `lrfslam localize`). Ctrl-C ends the run early; what was
-/// mapped until then is written.
+/// LOG is a CARMEN log (FLASER, ROBOTLASER1), a DP-SLAM log or tinySLAM's URG-04LX sample, plain or gzip, or a laser.rec that
+/// `lrfslam run` has written. Written are trajectory.tum (the robot's pose for every scan, by time), map.pgm and map.yaml (for
+/// ROS), map.png (for people), steps.csv (what the particle filter did), run.json and map.lrfslam (for `lrfslam localize`).
+/// Ctrl-C ends the run early; what was mapped until then is written.
 ///
 /// With --continue the robot starts where it was last, if that fits the map, else where it finds itself; a --start that does not fit is refused.
 #[derive(Debug, Args)]
