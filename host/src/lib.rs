@@ -11,6 +11,7 @@ pub mod mapping;
 pub mod maps;
 pub mod output;
 pub mod places;
+pub mod plural;
 pub mod pose_f64;
 pub mod program;
 pub mod results;

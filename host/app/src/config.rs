@@ -15,10 +15,12 @@ use lrfslam_robot::{LaserConfig, ReportConfig, RobotConfig};
 use serde::{Deserialize, Serialize};
 
 use lrfslam_host::localize::{LocalizeConfig, LocalizerConfig};
-use lrfslam_host::mapping::{HierarchyConfig, MappingConfig, MemoryConfig};
 use lrfslam_host::mapping::high::{HighConfig, HighParticlesConfig, SegmentConfig};
+use lrfslam_host::mapping::saved_map::{self, SavedMap, SavedMapError};
+use lrfslam_host::mapping::{HierarchyConfig, MappingConfig, MemoryConfig};
 use lrfslam_host::maps::occupancy::MapConfig;
 use lrfslam_host::places::ClosureConfig;
+use lrfslam_host::runs::robot::RobotSetup;
 use lrfslam_host::scans::log::LogOptions;
 
 lrfslam_core::config! {
@@ -135,6 +137,15 @@ lrfslam_core::slam_sections!(run_config! {
         map: MapConfig,
     }
 });
+
+/// The library's results, with this configuration in them.
+pub type RunReport = lrfslam_host::results::report::RunReport<RunConfig>;
+/// See [`RunReport`].
+pub type LocalizeReport = lrfslam_host::runs::localize::LocalizeReport<RunConfig>;
+/// See [`RunReport`].
+pub type About = lrfslam_host::runs::map::About<RunConfig>;
+/// See [`RunReport`].
+pub type RobotRun = lrfslam_host::runs::robot::RobotRun<RunConfig>;
 
 /// What is wrong with a configuration.
 #[derive(Debug, thiserror::Error)]
@@ -275,6 +286,29 @@ impl RunConfig {
         MappingConfig { slam: self.slam(), hierarchy, high, segment, closure, high_particles, memory, map }
     }
 
+    /// The configuration that a map was made with.
+    ///
+    /// # Errors
+    /// If this program does not know all of it.
+    pub fn of_saved(saved: &SavedMap, folder: &Path) -> Result<Self, SavedMapError> {
+        let file = || folder.join(saved_map::FILE_NAME);
+        let unknown = |why: String| SavedMapError::Configuration(file(), saved.program.clone(), why);
+        let config: Self = toml::from_str(&saved.config).map_err(|error| unknown(error.message().to_owned()))?;
+        config.validate().map_err(|error| unknown(error.to_string()))?;
+        Ok(config)
+    }
+
+    /// How the map of a robot that does the SLAM itself is made.
+    pub fn robot_setup(&self) -> RobotSetup<Self> {
+        RobotSetup { mapping: self.mapping(), robot_from_lrf: self.robot_from_lrf(), config: *self }
+    }
+
+    /// What pairs of scans are matched with.
+    #[cfg(feature = "experiments")]
+    pub fn rig(&self) -> lrfslam_lab::experiment::Rig {
+        lrfslam_lab::experiment::Rig { slam: self.slam(), robot_from_lrf: self.robot_from_lrf() }
+    }
+
     /// The part that finds and follows a robot in a map.
     pub fn localizer(&self) -> LocalizerConfig {
         let Self { localize, segment, closure, memory, .. } = *self;
@@ -318,78 +352,4 @@ fn push_comment(text: &mut String, lines: &[&str]) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn load(text: &str, overrides: &[&str]) -> Result<RunConfig, String> {
-        let file = tempfile::Builder::new().suffix(".toml").tempfile().unwrap();
-        std::fs::write(file.path(), text).unwrap();
-        let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
-        RunConfig::load(Some(file.path()), &overrides).map_err(|error| error.to_string())
-    }
-
-    #[test]
-    fn printed_configuration_is_read_back() {
-        let mut config = RunConfig::default();
-        config.map.cell_size_m = 0.025;
-        config.mounting.from_log = false;
-        let text = config.to_commented_toml();
-        assert_eq!(load(&text, &[]), Ok(config));
-        assert!(text.contains("\n# How the log is read.\n[log]\n"), "{text}");
-        assert!(text.contains("# 0.0 to 1000.0\nrange_max_m = 0.0\n"), "{text}");
-        assert!(text.contains("from_log = false\n"), "{text}");
-    }
-
-    #[test]
-    fn every_number_says_what_it_means() {
-        for (name, section) in RunConfig::default().sections() {
-            assert!(!section.doc().is_empty(), "[{name}] is not documented");
-            section.visit(&mut |field| assert!(!field.doc.is_empty(), "{name}.{} is not documented", field.name));
-        }
-    }
-
-    #[test]
-    fn overrides_win_over_the_file_and_the_file_over_defaults() {
-        let config = load("[map]\ncell_size_m = 0.1\n[log]\nrange_max_m = 30\n", &["map.cell_size_m=0.2"]).unwrap();
-        assert_eq!((config.map.cell_size_m, config.log.range_max_m), (0.2, 30.0));
-        assert_eq!(config.map.occupied_share, MapConfig::default().occupied_share);
-        assert!(!load("", &["mounting.from_log = false"]).unwrap().mounting.from_log);
-    }
-
-    #[test]
-    fn robots_have_defaults_of_their_own_and_the_file_wins_over_them() {
-        let file = tempfile::NamedTempFile::new().unwrap();
-        std::fs::write(file.path(), "[particles]\nsamples_per_particle = 2\n[ndt]\ngrids = 4\n").unwrap();
-        let config = RunConfig::load_over(RunConfig::for_robot(), Some(file.path()), &["rays.range_max_m=5".into()]);
-        let config = config.unwrap().robot(7, LaserConfig::default());
-        let default = RobotConfig::default();
-        assert_eq!((config.slam.particles.particles, config.slam.particles.samples_per_particle), (32, 2));
-        assert_eq!((config.slam.ndt.grids, config.slam.rays.range_max_m, config.seed), (4, 5.0, 7));
-        assert_eq!(RunConfig::for_robot().robot(default.seed, default.laser), default);
-    }
-
-    #[test]
-    fn wrong_files_name_line_key_and_expectation() {
-        let error = load("[map]\n\ncel_size_m = 0.1\n", &[]).unwrap_err();
-        assert!(error.contains("line 3") && error.contains("cel_size_m") && error.contains("cell_size_m"), "{error}");
-        let error = load("[map]\ncell_size_m = \"big\"\n", &[]).unwrap_err();
-        assert!(error.contains("line 2") && error.contains("f32"), "{error}");
-        assert!(load("[map\n", &[]).unwrap_err().contains("line 1"));
-        assert!(load("[nonsense]\n", &[]).unwrap_err().contains("expected one of"));
-        let error = load("[map]\ncell_size_m = -1.0\n", &[]).unwrap_err();
-        assert_eq!(error, "configuration: map.cell_size_m is -1.0, expected 0.005 to 1.0");
-        assert!(load("[map]\ncell_size_m = nan\n", &[]).unwrap_err().contains("is NaN"));
-    }
-
-    #[test]
-    fn wrong_overrides_name_themselves() {
-        let error = |o: &str| load("", &[o]).unwrap_err();
-        assert!(error("map.cell=1").contains("--set map.cell=1: unknown field `cell`"));
-        assert!(error("mapp.cell_size_m=1").contains(
-            "there is no section `mapp`, expected one of closure, de, filter, hierarchy, high, high_particles, localize, log, map"
-        ));
-        assert!(error("cell_size_m").contains("expected section.key=value"));
-        assert!(error("map.cell_size_m=wide").contains("invalid type"));
-        assert!(error("map.cell_size_m=9").contains("map.cell_size_m is 9.0"));
-    }
-}
+mod tests;

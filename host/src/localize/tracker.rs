@@ -7,7 +7,7 @@ use lrfslam_core::ndt::NdtMemoryError;
 use lrfslam_core::scan::RangeScan;
 
 use super::belief::Belief;
-use super::{KnownMap, LocalizeConfig, Located, LocalizerConfig};
+use super::{KnownMap, LocalizeConfig, LocalizerConfig, Located};
 use crate::mapping::high::SegmentConfig;
 use crate::places::submap::Agreement;
 

@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 
 use lrfslam_core::distributed_map::{Region, TilePlace};
-use lrfslam_core::time::Instant;
 use lrfslam_core::slam::SlamConfig;
+use lrfslam_core::time::Instant;
 use lrfslam_robot::RobotConfig;
 use lrfslam_robot::wire::frame::MAX_FRAME;
 use lrfslam_robot::wire::message::{Capacities, FromRobot, Status, TileUpdate, ToRobot};

@@ -136,7 +136,9 @@ impl<'m> LocalizeRun<'m> {
             write_file(&file, text.as_bytes()).with_context(|| format!("{}: cannot be written", file.display()))?;
         }
         let picture = folder.join(PICTURE);
-        draw(self.map, &self.path, drawing, report.source.has_times(), &picture)
+        let (has_times, found_after_s) = (report.source.has_times(), report.first_found_after_s.unwrap_or(0.0));
+        let notes = PictureNotes { truth: &[], has_times, found_after_s };
+        draw(self.map, &self.path, drawing, &notes, &picture)
             .with_context(|| format!("{}: cannot be written", picture.display()))?;
         Ok(report)
     }
@@ -147,13 +149,13 @@ fn draw(
     map: &KnownMap,
     poses: &[TimedPose],
     drawing: &MapConfig,
-    has_times: bool,
+    notes: &PictureNotes<'_>,
     file: &Path,
 ) -> std::io::Result<()> {
     let mut drawn = OccupancyMap::new(*drawing);
     map.draw(&mut drawn);
     let Some(raster) = drawn.raster(drawing.picture_px) else { return Ok(()) };
-    write_picture(file, &raster, poses, &PictureNotes { truth: &[], has_times })
+    write_picture(file, &raster, poses, &notes)
 }
 
 fn push_row(table: &mut String, located: &Located) {

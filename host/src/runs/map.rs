@@ -21,7 +21,7 @@ use lrfslam_robot::wire::message::{FromRobot, ScanPose};
 pub use self::saving::About;
 use crate::mapping::high::{HighCounts, HighParticles, HighSlam};
 use crate::mapping::mapper::Mapper;
-use crate::mapping::{LowLevel, LowPose, MappingConfig, MapperMemory, ParticlePools};
+use crate::mapping::{LowLevel, LowPose, MapperMemory, MappingConfig, ParticlePools};
 use crate::maps::occupancy::OccupancyMap;
 use crate::robot::{RobotMap, Sweeps};
 

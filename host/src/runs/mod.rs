@@ -3,3 +3,4 @@
 pub mod localize;
 pub mod map;
 pub mod robot;
+pub mod scans;

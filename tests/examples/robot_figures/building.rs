@@ -12,10 +12,10 @@ use std::time::Instant as WallInstant;
 use anyhow::{Context as _, ensure};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use lrfslam_app::config::RunConfig;
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::virtual_lrf::RecordedLaser;
 use lrfslam_firmware_sim::virtual_lrf::recording::RecordedScan;
-use lrfslam_host::config::RunConfig;
 use lrfslam_host::output::ResultFolder;
 use lrfslam_host::results::report::Ending;
 use lrfslam_host::robot::{Tiles, Told};
@@ -69,7 +69,7 @@ pub struct BuildingArgs {
 
 /// The host's memory: a run, and what went wrong with it first.
 struct Heard {
-    run: RobotRun,
+    run: RobotRun<RunConfig>,
     sweeps: u32,
     fault: Option<anyhow::Error>,
 }
@@ -128,7 +128,7 @@ fn drive(args: &BuildingArgs, config: &RunConfig, scans: &[LogScan]) -> anyhow::
     let recorded =
         after.iter().zip(scans).map(|(after, scan)| RecordedScan { after: *after, beams: scan.beams.clone() });
     let folder = ResultFolder::claim(&args.out, true)?;
-    let heard = Heard { run: RobotRun::open(folder, config, args.seed)?, sweeps: 0, fault: None };
+    let heard = Heard { run: RobotRun::open(folder, config.robot_setup(), args.seed)?, sweeps: 0, fault: None };
     let faults = LineFaults::all(args.faults);
     let robot = config.robot(args.seed, wanted);
     let mut rig = RobotRig::with(heard, memory(args), laser.say(recorded.collect()), &robot);

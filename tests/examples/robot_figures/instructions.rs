@@ -5,8 +5,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use anyhow::{Context as _, ensure};
+use lrfslam_app::config::RunConfig;
 use lrfslam_core::scan::RangeScan;
-use lrfslam_host::config::RunConfig;
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_robot::{CompactPools, Mapping, RobotConfig, StandardPools};
 use lrfslam_tests::mcu::Mcu;

@@ -9,8 +9,8 @@ mod instructions;
 use std::path::{Path, PathBuf};
 
 use clap::{Parser, Subcommand};
+use lrfslam_app::config::RunConfig;
 use lrfslam_core::geometry::Pose2;
-use lrfslam_host::config::RunConfig;
 use lrfslam_host::scans::log::{LogReader, LogScan};
 use lrfslam_robot::{Mapping, RobotConfig};
 use lrfslam_tests::robot_rig::Tally;

@@ -1,10 +1,11 @@
 //! A robot comes back to its start after 125 m (thesis figure 3.11): the high level closes the loop.
 
+use lrfslam_app::config::RunConfig;
 use lrfslam_core::time::Duration;
 use lrfslam_firmware_sim::log::{LogFiles, LogPlan, Pace, write_log};
 use lrfslam_firmware_sim::lrf_model::{LrfErrors, LrfModel};
 use lrfslam_firmware_sim::scenario::Scenario;
-use lrfslam_host::config::{Closing, RunConfig};
+use lrfslam_host::mapping::Closing;
 use lrfslam_host::mapping::high::HighCounts;
 use lrfslam_host::runs::map::{MapRun, RunMemory};
 use lrfslam_host::scans::log::{LogOptions, LogReader, LogScan};
@@ -35,8 +36,9 @@ fn map(
     truth: &[TimedPose],
     threads: usize,
 ) -> (Vec<TimedPose>, TruthReport, HighCounts) {
-    let mut memory = RunMemory::new(config, threads);
-    let mut run = MapRun::new(config, 1, &mut memory).unwrap();
+    let mapping = config.mapping();
+    let mut memory = RunMemory::new(&mapping, threads);
+    let mut run = MapRun::new(&mapping, 1, &mut memory).unwrap();
     for scan in scans {
         run.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or_default(), None).unwrap();
     }

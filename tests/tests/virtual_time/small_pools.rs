@@ -2,13 +2,13 @@
 //!
 //! The matcher has a computer's memory here; for all of a microcontroller see `hil_mcu`.
 
+use lrfslam_app::config::RunConfig;
 use lrfslam_core::de::Member;
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::laser_odometry::OdometryMemory;
 use lrfslam_core::low_slam::SmallPools;
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::slam::{Slam, SlamConfig, SlamMemory};
-use lrfslam_host::config::RunConfig;
 use lrfslam_host::mapping::MapperMemory;
 use lrfslam_host::mapping::mapper::Mapper;
 use lrfslam_host::scans::log::{LogOptions, LogReader, LogScan};
@@ -58,8 +58,8 @@ fn by_small_pools(scans: &[LogScan]) -> (Vec<Pose2>, usize, u64) {
 fn by_a_computer(scans: &[LogScan]) -> Vec<Pose2> {
     let mut config = RunConfig::default();
     config.hierarchy.levels = 1;
-    let mut memory = MapperMemory::new(&config, 1);
-    let mut mapper = Mapper::new(&config, 1, &mut memory).expect("memory fits");
+    let mut memory = MapperMemory::new(&config.mapping(), 1);
+    let mut mapper = Mapper::new(&config.slam(), 1, &mut memory).expect("memory fits");
     let pose = |scan: &LogScan| {
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or(Pose2::IDENTITY);
         mapper.add_scan(&scan.scan(), robot_from_lrf, None).expect("the scan fits").0.map_from_robot

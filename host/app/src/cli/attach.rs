@@ -14,11 +14,12 @@ use super::laser::{EndArgs, interrupt_flag, parse_baud, say};
 use super::out::{OutArgs, SaveArgs};
 use super::shared::{ConfigArgs, LEVELS, LRF, PARTICLES, PORT, SeedArgs, TellArgs};
 use super::summary::summary;
-use lrfslam_host::config::RunConfig;
+use crate::config::RobotRun;
+use crate::config::RunConfig;
 use lrfslam_host::output::ResultFolder;
+use lrfslam_host::plural::count;
 use lrfslam_host::results::report::Ending;
 use lrfslam_host::robot::{ClientMemory, JOURNAL, LinkEvent, RobotClient, RobotEvent, RobotLink, Told};
-use lrfslam_host::runs::robot::RobotRun;
 use lrfslam_host::scans::link::Address;
 
 /// Attach to a robot that does the SLAM itself (firmware, or robot-sim), until ctrl-C, which stops its laser and writes the map.
@@ -220,7 +221,7 @@ impl<'a> Book<'a> {
                 let none = || anyhow!("{}: nothing to resume, there is no {JOURNAL}", out.display());
                 let (last, place) = last_life(out).ok_or_else(none).map_err(Failure::Start)?;
                 let stored = ResultFolder::go_on(&place, JOURNAL)
-                    .and_then(|stored| RobotRun::resume(stored, config, args.seed.seed));
+                    .and_then(|stored| RobotRun::resume(stored, config.robot_setup(), args.seed.seed));
                 (run, life) = (Some(stored.map_err(Failure::Start)?), last);
             }
             None => folder = Some(args.out.folder("robot")?),
@@ -292,8 +293,9 @@ impl<'a> Book<'a> {
             Some(FromRobot::Identity(identity)) => {
                 let state = if identity.is_configured { "mapping already" } else { "waiting" };
                 self.say(&format!(
-                    "{}: {state}, memory for {} particles",
-                    identity.board, identity.capacities.particles
+                    "{}: {state}, memory for {}",
+                    identity.board,
+                    count(identity.capacities.particles.into(), "particle")
                 ));
             }
             Some(FromRobot::Said(words)) => self.say(words),
@@ -312,7 +314,9 @@ impl<'a> Book<'a> {
             self.close(Ending::Failed, Some(&anyhow!("the robot started anew")));
         }
         self.life += 1;
-        let opened = self.next_folder().and_then(|folder| RobotRun::open(folder, self.config, self.args.seed.seed));
+        let opened = self
+            .next_folder()
+            .and_then(|folder| RobotRun::open(folder, self.config.robot_setup(), self.args.seed.seed));
         match opened {
             Ok(run) => self.run = Some(run),
             Err(fault) => self.fail(fault),
@@ -371,13 +375,17 @@ impl<'a> Book<'a> {
         let Some(run) = self.run.as_ref().filter(|_| self.told_at.elapsed() >= TELL_EVERY) else { return };
         self.told_at = WallInstant::now();
         let Status { map_from_robot, scans, particles, tiles, .. } = run.status();
-        let closures = run.high_counts().map_or(String::new(), |high| format!(", {} loops closed", high.closures));
+        let closures =
+            run.high_counts().map_or(String::new(), |high| format!(", {} closed", count(high.closures, "loop")));
         self.say(&format!(
-            "{scans} scans, {} here; robot at {:.2} m, {:.2} m, {:.0}°; {particles} particles in {tiles} tiles{closures}",
+            "{}, {} here; robot at {:.2} m, {:.2} m, {:.0}°; {} in {}{closures}",
+            count(u64::from(*scans), "scan"),
             run.map().scans().len(),
             map_from_robot.x,
             map_from_robot.y,
             map_from_robot.heading.to_degrees(),
+            count(u64::from(*particles), "particle"),
+            count(u64::from(*tiles), "tile"),
         ));
     }
 }

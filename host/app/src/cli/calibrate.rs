@@ -7,13 +7,14 @@ use clap::Args;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::Duration;
 
-use super::shared::{ConfigArgs, RELATIONS, SeedArgs, TRUTH};
+use super::shared::{ConfigArgs, LOG, RELATIONS, SeedArgs, TRUTH};
 use super::{Failure, print};
-use lrfslam_host::config::RunConfig;
+use crate::config::RunConfig;
 use lrfslam_host::mapping::MapperMemory;
 use lrfslam_host::mapping::mapper::Mapper;
 use lrfslam_host::output::write_file;
-use lrfslam_host::scans::log::LogReader;
+use lrfslam_host::runs::scans::read_scans;
+use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
 use lrfslam_lab::calibration::{Growth, MotionFit};
 use lrfslam_lab::evaluation::{Relation, displacement_errors, read_relations, relations_of_path};
@@ -24,7 +25,7 @@ use lrfslam_lab::evaluation::{Relation, displacement_errors, read_relations, rel
 /// a [motion] section for --config.
 #[derive(Debug, Args)]
 pub(super) struct CalibrateArgs {
-    /// The log.
+    #[arg(help = LOG)]
     log: PathBuf,
     #[command(flatten)]
     known: Known,
@@ -51,8 +52,8 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     config.hierarchy.levels = 0;
     let known = known_displacements(&args.known)?;
     let matched = {
-        let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-        match_log(log, args.seed.seed, &config).map_err(Failure::Work)?
+        let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
+        match_scans(&scans, args.seed.seed, &config).map_err(Failure::Work)?
     };
     let tolerance = Duration::from_millis(50);
     let errors = displacement_errors(&matched.path, &matched.steps, &known, tolerance);
@@ -91,13 +92,12 @@ struct Matched {
     predictions: Vec<Pose2>,
 }
 
-fn match_log(log: LogReader, seed: u64, config: &RunConfig) -> anyhow::Result<Matched> {
-    let mut memory = MapperMemory::new(config, 1);
-    let mut mapper = Mapper::new(config, seed, &mut memory)?;
+fn match_scans(scans: &[LogScan], seed: u64, config: &RunConfig) -> anyhow::Result<Matched> {
+    let mut memory = MapperMemory::new(&config.mapping(), 1);
+    let mut mapper = Mapper::new(&config.slam(), seed, &mut memory)?;
     let mut matched = Matched { path: Vec::new(), steps: Vec::new(), predictions: Vec::new() };
     let (mut steps, mut map_from_step) = (0, Pose2::IDENTITY);
-    for scan in log {
-        let scan = scan?;
+    for scan in scans {
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
         let (step, _) = mapper.add_scan(&scan.scan(), robot_from_lrf, None)?;
         let found = &step.odometry;

@@ -22,7 +22,8 @@ use lrfslam_host::maps::picture::{CloudView, cloud_png};
 use lrfslam_host::output::{PendingFile, write_file};
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::program::Program;
-use lrfslam_host::scans::log::{LogReader, LogScan};
+use lrfslam_host::runs::scans::read_scans;
+use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
 
 /// Make a 3D map from the scans of a tilted laser.
@@ -209,11 +210,10 @@ pub(super) fn from_log(
         return Err(Failure::start(anyhow::anyhow!("{}: a log needs --trajectory and --tilt", input.display())));
     };
     let config = args.config.load()?;
-    let log = LogReader::open(input, config.log_options()).map_err(Failure::start)?;
     let poses = read_trajectory(trajectory).map_err(Failure::start)?;
     let world_from_map = truth.map_or(Ok(Isometry3::identity()), |truth| world_from_map(truth, &poses))?;
     let readings = read_tilt(tilt).map_err(Failure::start)?;
-    let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let scans = read_scans(input, config.log_options()).map_err(Failure::Start)?;
     // A path made by `lrfslam map` has the pose of the middle of each sweep under the scan's time.
     let middle = scans.first().map_or(Duration::ZERO, |scan| middle_of_sweep(&scan.scan()));
     let place = |pose: &TimedPose| world_from_map * planar(PoseF64::from(pose.map_from_robot));

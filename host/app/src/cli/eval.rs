@@ -8,7 +8,8 @@ use lrfslam_core::time::Duration;
 
 use super::shared::{JsonArgs, RELATIONS, TRUTH};
 use super::{Failure, print};
-use lrfslam_host::scans::log::{LogOptions, LogReader, LogScan};
+use lrfslam_host::runs::scans::read_scans;
+use lrfslam_host::scans::log::LogOptions;
 use lrfslam_host::trajectory::{TimedPose, read_trajectory, with_poses};
 use lrfslam_lab::evaluation::{
     RelationReport, Standing, Statistics, StretchReport, TruthReport, Turn, evaluate_in_frame, evaluate_relations,
@@ -89,8 +90,7 @@ fn by_truth(args: &EvalArgs, poses: &[TimedPose], file: &Path, tolerance: Durati
 }
 
 fn by_stretches(args: &EvalArgs, poses: &[TimedPose], log: &Path) -> Result<String, Failure> {
-    let scans = LogReader::open(log, LogOptions::default()).map_err(Failure::start)?;
-    let scans: Vec<LogScan> = scans.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let scans = read_scans(log, LogOptions::default()).map_err(Failure::Start)?;
     let (scans, poses) = with_poses(scans, poses);
     let report = evaluate_stretches(&poses, &scans).map_err(Failure::start)?;
     args.json.choose(&report, || stretch_table(&report))

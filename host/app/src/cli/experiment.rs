@@ -10,11 +10,11 @@ use super::cloud::{TiltArgs, from_log};
 use super::experiment_starts::{self, StartsArgs};
 use super::experiment_sweep::{self, SweepArgs};
 use super::out::OutArgs;
-use super::shared::{CELL, ConfigArgs, JsonArgs, SEEDS, SeedArgs, TRUTH, TellArgs, with_folder};
+use super::shared::{CELL, ConfigArgs, JsonArgs, LOG, SEEDS, SeedArgs, TRUTH, TellArgs, with_folder};
 use super::{Failure, print};
 use lrfslam_host::maps::cloud::{CloudCounts, EdgeFilter};
 use lrfslam_host::output::write_file;
-use lrfslam_host::scans::log::{LogReader, LogScan};
+use lrfslam_host::runs::scans::read_scans;
 use lrfslam_host::trajectory::{read_trajectory, with_poses};
 use lrfslam_lab::experiment::{
     CloudError, Experiment, LoopRun, MatchPairsConfig, MatchPairsReport, judge_cloud, loop_csv, loop_markdown,
@@ -83,7 +83,7 @@ struct GrowthArgs {
 /// How often scans displaced anywhere in the search box are found again: by differential evolution and by Newton's method.
 #[derive(Debug, Args)]
 struct MatchPairsArgs {
-    /// The log.
+    #[arg(help = LOG)]
     log: PathBuf,
     #[arg(long, value_name = "FILE", help = TRUTH)]
     truth: PathBuf,
@@ -149,12 +149,12 @@ pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
 
 fn run_loops(args: &LoopArgs) -> Result<(), Failure> {
     let config = args.config.load()?;
-    let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
     let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
     let mut folder = args.out.folder("loop")?;
     let each = args.levels.iter().flat_map(|levels| (1..=args.seeds).map(move |seed| (*levels, seed)));
-    let runs = each.map(|which| run_loop(&config, which, &scans, &truth, args.closed));
+    let mapping = config.mapping();
+    let runs = each.map(|which| run_loop((&mapping, config.robot_from_lrf()), which, &scans, &truth, args.closed));
     let runs: Vec<LoopRun> = runs.collect::<Result<_, _>>().map_err(Failure::Work)?;
     let table = loop_markdown(&runs);
     let files = [("loop.csv", loop_csv(&runs)), ("loop.md", table.clone())];
@@ -180,8 +180,7 @@ fn save(file: &Path, text: &str) -> Result<(), Failure> {
 
 fn run_match_pairs(args: &MatchPairsArgs) -> Result<(), Failure> {
     let config = args.config.load()?;
-    let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
     let poses = read_trajectory(&args.truth).map_err(Failure::start)?;
     let (scans, poses) = with_poses(scans, &poses);
     let pairs = MatchPairsConfig {
@@ -191,7 +190,7 @@ fn run_match_pairs(args: &MatchPairsArgs) -> Result<(), Failure> {
         overlap_min: args.overlap,
         cell_size_m: args.cell,
     };
-    let report = match_pairs(&config, &pairs, &scans, &poses).map_err(Failure::start)?;
+    let report = match_pairs(&config.rig(), &pairs, &scans, &poses).map_err(Failure::start)?;
     if let Some(file) = &args.plot {
         save(file, &plot_normalised(&report.errors).map_err(Failure::work)?)?;
     }

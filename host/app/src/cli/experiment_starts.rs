@@ -2,16 +2,17 @@
 
 use std::path::PathBuf;
 
+use crate::config::RunConfig;
 use clap::Args;
 use lrfslam_core::time::Duration;
 
 use super::localize::not_whole;
-use super::shared::{ConfigArgs, MAP, SeedArgs, TRUTH};
+use super::shared::{ConfigArgs, LOG, MAP, SeedArgs, TRUTH};
 use super::{Failure, print};
 use lrfslam_host::localize::KnownMap;
 use lrfslam_host::mapping::saved_map::SavedMap;
 use lrfslam_host::output::write_file;
-use lrfslam_host::scans::log::{LogReader, LogScan};
+use lrfslam_host::runs::scans::read_scans;
 use lrfslam_host::trajectory::read_trajectory;
 use lrfslam_lab::experiment::{StartsConfig, starts_csv, starts_summary, try_starts};
 
@@ -20,7 +21,7 @@ use lrfslam_lab::experiment::{StartsConfig, starts_csv, starts_summary, try_star
 /// The true path is in the map's frame, with a pose under the time of every scan.
 #[derive(Debug, Args)]
 pub(super) struct StartsArgs {
-    /// The log.
+    #[arg(help = LOG)]
     log: PathBuf,
     #[arg(long, value_name = "DIR", help = MAP)]
     map: PathBuf,
@@ -49,10 +50,10 @@ pub(super) struct StartsArgs {
 
 pub(super) fn run(args: &StartsArgs) -> Result<(), Failure> {
     let saved = SavedMap::read(&args.map).map_err(Failure::start)?;
-    let config = args.config.load_over(saved.config, [])?;
-    let map = KnownMap::new(&saved, &config).map_err(|error| not_whole(&args.map, &error))?;
-    let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let config = RunConfig::of_saved(&saved, &args.map).map_err(Failure::start)?;
+    let config = args.config.load_over(config, [])?;
+    let map = KnownMap::new(&saved, &config.mapping().high_slam()).map_err(|error| not_whole(&args.map, &error))?;
+    let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
     let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
     let seconds = |seconds: u32| Duration::from_micros(i64::from(seconds) * 1_000_000);
     let starts = StartsConfig {
@@ -62,7 +63,8 @@ pub(super) fn run(args: &StartsArgs) -> Result<(), Failure> {
         wrong_deg: args.wrong_deg,
         seed: args.seed.seed,
     };
-    let outcomes = try_starts(&config, &starts, &map, &scans, &truth).map_err(Failure::Work)?;
+    let outcomes = try_starts((&config.localizer(), config.robot_from_lrf()), &starts, &map, &scans, &truth)
+        .map_err(Failure::Work)?;
     if let Some(file) = &args.out {
         let written = write_file(file, starts_csv(&outcomes).as_bytes());
         let context = || format!("{}: cannot be written", file.display());

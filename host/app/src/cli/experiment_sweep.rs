@@ -8,10 +8,10 @@ use lrfslam_core::de::DeConfig;
 
 use super::Failure;
 use super::out::OutArgs;
-use super::shared::{CELL, ConfigArgs, SEEDS, TRUTH, TellArgs, with_folder};
-use lrfslam_host::config::RunConfig;
+use super::shared::{CELL, ConfigArgs, LOG, SEEDS, TRUTH, TellArgs, with_folder};
+use crate::config::RunConfig;
 use lrfslam_host::output::write_file;
-use lrfslam_host::scans::log::{LogReader, LogScan};
+use lrfslam_host::runs::scans::read_scans;
 use lrfslam_host::trajectory::{read_trajectory, with_poses};
 use lrfslam_lab::experiment::{
     Experiment, Method, MotionModel, PairError, SweepCase, SweepConfig, SweepReport, fit_motion_model, markdown,
@@ -21,7 +21,7 @@ use lrfslam_lab::experiment::{
 /// What a sweep needs.
 #[derive(Debug, Args)]
 pub(super) struct SweepArgs {
-    /// The log.
+    #[arg(help = LOG)]
     log: PathBuf,
     #[arg(long, value_name = "FILE", help = TRUTH)]
     truth: PathBuf,
@@ -57,8 +57,7 @@ fn millimetres(text: &str) -> Result<f32, String> {
 
 pub(super) fn run(experiment: Experiment, args: &SweepArgs) -> Result<(), Failure> {
     let config = args.config.load()?;
-    let log = LogReader::open(&args.log, config.log_options()).map_err(Failure::start)?;
-    let scans: Vec<LogScan> = log.collect::<Result<_, _>>().map_err(Failure::start)?;
+    let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
     let poses = read_trajectory(&args.truth).map_err(Failure::start)?;
     let (scans, poses) = with_poses(scans, &poses);
     let cases = cases(experiment, &config, args.noise / 1000.0);
@@ -92,7 +91,7 @@ fn name(experiment: Experiment) -> &'static str {
 fn cases(experiment: Experiment, config: &RunConfig, noise_m: f32) -> Vec<SweepCase> {
     let de = |label: String, population, generations| {
         let run = RunConfig { de: DeConfig { population, generations, ..config.de }, ..*config };
-        SweepCase { label, run, noise_m }
+        SweepCase { label, run: run.rig(), noise_m }
     };
     match experiment {
         Experiment::Population => [20, 40, 60, 100].map(|np| de(format!("NP {np}"), np, 50)).into(),

@@ -1,9 +1,8 @@
-//! The loop over scans that `run` and `replay` share: every scan is mapped, and the results are written on the way and at the end.
+//! The loop over scans that `map`, `run` and `replay` share: every scan is mapped, and the results are written on the way and at the end.
 
 use std::io::IsTerminal as _;
-use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use anyhow::anyhow;
@@ -14,19 +13,26 @@ use lrfslam_core::sweep::SpeedLimits;
 use lrfslam_core::time::{Duration, Instant};
 
 use super::Failure;
-use super::laser::{EndArgs, say, source_failure};
+use super::continuing::{ContinueArgs, ReadAhead, in_words, verified_start};
+use super::laser::{EndArgs, interrupt_flag, say};
+use super::localize::Start;
 use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
+use super::progress::Progress;
 use super::shared::{ConfigArgs, SeedArgs, TellArgs};
 use super::summary::{partial_notice, summary};
-use lrfslam_host::config::{RunConfig, SpeedConfig};
+use crate::config::About;
+use crate::config::{RunConfig, SpeedConfig};
+use lrfslam_host::mapping::saved_map::SavedMap;
 use lrfslam_host::output::{RECORDING, ResultFolder, shown};
-use lrfslam_host::results::report::{Ending, LaserCounts, RecordingCounts, Source};
-use lrfslam_host::runs::map::{About, MapRun, RunMemory};
+use lrfslam_host::plural::count;
+use lrfslam_host::results::report::{Ending, Source};
+use lrfslam_host::runs::map::{MapRun, RunMemory};
+use lrfslam_host::runs::scans::Scans;
 use lrfslam_host::scans::driver::HostClock;
-use lrfslam_host::scans::live::{Item, ScanSource, SourceReport, for_each_scan};
+use lrfslam_host::scans::log::LogScan;
 
-/// How to map, and when to end by itself.
+/// How to map, and when to end.
 #[derive(Debug, Args)]
 pub(super) struct Mapping {
     #[command(flatten)]
@@ -40,6 +46,8 @@ pub(super) struct Mapping {
     #[command(flatten)]
     end: EndArgs,
     #[command(flatten)]
+    going_on: ContinueArgs,
+    #[command(flatten)]
     particles: ParticleArgs,
     #[command(flatten)]
     tell: TellArgs,
@@ -50,9 +58,16 @@ impl Mapping {
     pub(super) fn overwrites(&self) -> bool {
         self.out.overwrites()
     }
-}
 
-impl Mapping {
+    pub(super) fn tell(&self) -> TellArgs {
+        self.tell
+    }
+
+    /// Where the results go.
+    pub(super) fn folder(&self, stem: &str) -> Result<ResultFolder, Failure> {
+        self.out.folder(stem)
+    }
+
     /// Says where a recording is that does not begin among the results: a kill would leave it there.
     pub(super) fn tell_where(&self, recording: &Path, folder: &ResultFolder) {
         let beside = folder.growing(RECORDING);
@@ -60,47 +75,87 @@ impl Mapping {
             say(&format!("recording to {} until there are results", shown(&beside).display()));
         }
     }
+
+    /// Reads the map to go on with, if there is one, and the configuration.
+    pub(super) fn plan(&self) -> Result<Plan<'_>, Failure> {
+        let stop = interrupt_flag().map_err(Failure::Start)?;
+        let folder = self.going_on.continued.as_deref();
+        let saved = folder.map(SavedMap::read).transpose().map_err(Failure::start)?;
+        let defaults = match saved.as_ref().zip(folder) {
+            Some((saved, folder)) => RunConfig::of_saved(saved, folder).map_err(Failure::start)?,
+            None => RunConfig::default(),
+        };
+        let config = self.particles.load_over(defaults, &self.config)?;
+        Ok(Plan { args: self, config, saved, odometry: false, stop })
+    }
 }
 
-/// Maps every scan of a source called `name`, and writes and prints what came out.
-///
-/// * `source` — is told the folder of the results, once it is there
-pub(super) fn map_live(
-    name: &str,
-    source: impl FnOnce(&mut ResultFolder) -> ScanSource,
-    stop: &AtomicBool,
-    args: &Mapping,
-) -> Result<(), Failure> {
-    let config = args.particles.load_over(RunConfig::default(), &args.config)?;
-    let mut memory = RunMemory::new(&config, args.particles.threads());
-    let map = MapRun::new(&config, args.seed.seed, &mut memory).map_err(Failure::Start)?;
-    let mut folder = args.out.folder("run")?;
-    let source = source(&mut folder);
-    let mut session = Session::new(name, map, folder, &config, args);
-    let done = for_each_scan(&source, stop, &mut |item| session.take(item));
-    let report = done.map_err(source_failure)?;
-    // A laser goes on until ctrl-C; what has an end of its own is ended early by it.
-    let has_end = matches!(source, ScanSource::Recording { .. }) || args.end.has_end();
-    let is_early = stop.load(Ordering::Relaxed) && has_end && report.input.is_none() && !session.is_enough();
-    if session.map.scans() == 0 {
-        let nothing = anyhow!("no scan came: no results were written");
-        return Err(if stop.load(Ordering::Relaxed) { Failure::Interrupted(nothing) } else { Failure::Work(nothing) });
+/// What is known before the first scan.
+pub(super) struct Plan<'a> {
+    args: &'a Mapping,
+    pub(super) config: RunConfig,
+    saved: Option<SavedMap>,
+    /// A log's odometry predicts motion.
+    odometry: bool,
+    pub(super) stop: &'static AtomicBool,
+}
+
+impl Plan<'_> {
+    pub(super) fn with_odometry(self, odometry: bool) -> Self {
+        Self { odometry, ..self }
     }
-    session.finish(&report, is_early)
+
+    /// Maps every scan, and writes and prints what came out.
+    ///
+    /// * `folder` — is asked for once it is known that there is something to map
+    pub(super) fn map(
+        &self,
+        scans: Scans,
+        folder: impl FnOnce() -> Result<ResultFolder, Failure>,
+    ) -> Result<(), Failure> {
+        let config = self.config.mapping();
+        let mut memory = RunMemory::new(&config, self.args.particles.threads());
+        let mut map = MapRun::new(&config, self.args.seed.seed, &mut memory).map_err(Failure::Start)?;
+        let mut scans = ReadAhead::new(scans, self.args.end);
+        scans.wait(self.stop)?;
+        let start = self.start(&mut scans)?;
+        let mut folder = folder()?;
+        // Results of a recording may replace those beside it.
+        scans.scans().recording().iter().for_each(|file| folder.keep(file));
+        if let (Some(saved), Some(from)) = (&self.saved, &self.args.going_on.continued) {
+            map.go_on(saved, from, start).map_err(Failure::Start)?;
+        }
+        Session::new(self, map, scans, folder).run()
+    }
+
+    /// Where the robot is in the map to go on with.
+    fn start(&self, scans: &mut ReadAhead) -> Result<Option<Pose2>, Failure> {
+        let ContinueArgs { continued, start: told, trust_start } = &self.args.going_on;
+        let start = told.and_then(Start::told);
+        let (Some(saved), Some(folder), false) = (&self.saved, continued, trust_start) else { return Ok(start) };
+        if scans.scans().is_live() {
+            self.args.tell.say("looking where in the map the robot is: it has to drive a few metres");
+        }
+        let found = verified_start(saved, folder, (&self.config, self.args.seed.seed), *told, scans)?;
+        if start.is_none() {
+            self.args.tell.say(&format!("the drive begins at {} in the map", in_words(found)));
+        }
+        Ok(Some(found))
+    }
 }
 
 /// From one line about a live run to the next.
 const TELL_EVERY: WallDuration = WallDuration::from_secs(2);
 
-/// One laser, one map.
+/// Scans on their way into a map.
 struct Session<'a, 'm> {
-    name: &'a str,
-    args: &'a Mapping,
+    plan: &'a Plan<'a>,
     map: MapRun<'m>,
+    scans: ReadAhead,
     folder: ResultFolder,
-    robot_from_lrf: Pose2,
+    is_laser: bool,
+    progress: Progress,
     watch: SpeedWatch,
-    stamps: Option<(Instant, Instant)>,
     clock: HostClock,
     /// When a line was last told, and how many scans there were then.
     told: (WallInstant, usize),
@@ -108,45 +163,46 @@ struct Session<'a, 'm> {
 }
 
 impl<'a, 'm> Session<'a, 'm> {
-    fn new(name: &'a str, map: MapRun<'m>, folder: ResultFolder, config: &RunConfig, args: &'a Mapping) -> Self {
-        let robot_from_lrf = config.robot_from_lrf();
-        let watch = SpeedWatch { config: config.speed, robot_from_lrf, too_fast: 0, last: None };
+    fn new(plan: &'a Plan<'a>, map: MapRun<'m>, mut scans: ReadAhead, folder: ResultFolder) -> Self {
+        let robot_from_lrf = plan.config.robot_from_lrf();
+        let watch = SpeedWatch { config: plan.config.speed, robot_from_lrf, too_fast: 0, last: None };
+        let progress = Progress::new(scans.scans(), plan.args.tell.is_quiet());
         let (clock, told) = (HostClock::default(), (WallInstant::now(), 0));
-        Self { name, args, map, folder, robot_from_lrf, watch, stamps: None, clock, told, fault: None }
+        let is_laser = !scans.scans().is_log();
+        Self { plan, map, scans, folder, is_laser, progress, watch, clock, told, fault: None }
     }
 
-    fn say(&self, text: &str) {
-        self.args.tell.say(text);
-    }
-
-    fn take(&mut self, item: Item<'_>) -> ControlFlow<()> {
-        match item {
-            Item::Scan(scan) => self.take_scan(&scan),
-            Item::Identified(identity) => self.say(identity.model.trim()),
-            Item::Said(text) => self.say(text),
-        }
-        if self.fault.is_some() || self.is_enough() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn take_scan(&mut self, scan: &RangeScan<'_>) {
-        let first = self.stamps.map_or(scan.stamp, |(first, _)| first);
-        self.stamps = Some((first, scan.stamp));
-        match self.map.add_scan(scan, self.robot_from_lrf, None) {
-            Ok(step) => {
-                if self.watch.is_too_fast(scan, step.odometry.matched.map_from_robot) {
-                    self.say("the robot moves faster than the laser's rate allows: the map suffers");
-                }
-                self.tell_now_and_then(scan.stamp, step.map_from_robot);
-                self.save_if_due();
+    /// Maps scan after scan until there are no more, the user has seen enough, or a fault ends it.
+    fn run(mut self) -> Result<(), Failure> {
+        while let Some(scan) = self.scans.next() {
+            if let Err(fault) = scan.and_then(|scan| self.add_scan(&scan)) {
+                self.fault = Some(fault);
+                break;
             }
-            Err(error) => self.fault = Some(error),
+            self.save_if_due();
+            self.progress.set(self.map.scans() as u64);
         }
+        self.progress.clear();
+        self.finish()
+    }
+
+    fn add_scan(&mut self, scan: &LogScan) -> anyhow::Result<()> {
+        let odometry = scan.map_from_robot_odometry.filter(|_| self.plan.odometry);
+        let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| self.plan.config.robot_from_lrf());
+        let step = self.map.add_scan(&scan.scan(), robot_from_lrf, odometry)?;
+        if self.is_laser {
+            if self.watch.is_too_fast(&scan.scan(), step.odometry.matched.map_from_robot) {
+                self.plan.args.tell.say("the robot moves faster than the laser's rate allows: the map suffers");
+            }
+            self.tell_now_and_then(scan.stamp, step.map_from_robot);
+        }
+        Ok(())
     }
 
     /// On a terminal: where the robot is, how many scans a second, and how late they are mapped.
     fn tell_now_and_then(&mut self, stamp: Instant, map_from_robot: Pose2) {
         let ((at, scans_then), scans) = (self.told, self.map.scans());
-        if self.args.tell.is_quiet() || at.elapsed() < TELL_EVERY || !std::io::stderr().is_terminal() {
+        if self.plan.args.tell.is_quiet() || at.elapsed() < TELL_EVERY || !std::io::stderr().is_terminal() {
             return;
         }
         self.told = (WallInstant::now(), scans);
@@ -154,62 +210,56 @@ impl<'a, 'm> Session<'a, 'm> {
         let late_ms = self.clock.now().since(stamp).micros as f64 / 1e3;
         // A recording is not late.
         let late = if late_ms < 60_000.0 { format!(", mapped after {late_ms:.0} ms") } else { String::new() };
-        let loops = self.map.high_counts().map_or(String::new(), |high| format!(", {} loops closed", high.closures));
+        let loops =
+            self.map.high_counts().map_or(String::new(), |high| format!(", {} closed", count(high.closures, "loop")));
         let Pose2 { x, y, heading } = map_from_robot;
         say(&format!(
-            "{scans} scans, {rate:.1} a second{late}; robot at {x:.2} m, {y:.2} m, {:.0}°{loops}",
+            "{}, {rate:.1} a second{late}; robot at {x:.2} m, {y:.2} m, {:.0}°{loops}",
+            count(scans as u64, "scan"),
             heading.to_degrees()
         ));
     }
 
     fn save_if_due(&mut self) {
-        if self.folder.is_due(self.args.save.every()) {
+        if self.folder.is_due(self.plan.args.save.every()) {
             // What the driver has counted is told at the end.
-            let about =
-                self.about(LaserCounts { too_fast: self.watch.too_fast, ..LaserCounts::default() }, Ending::Running);
+            let about = self.about(Ending::Running);
             let saved = self.folder.save(|stage| self.map.write_into(stage, &about));
             self.folder.news(&saved).iter().for_each(|news| say(news));
         }
     }
 
-    fn is_enough(&self) -> bool {
-        let seconds = self.stamps.map_or(0.0, |(first, last)| last.since(first).micros as f64 * 1e-6);
-        self.args.end.is_reached(self.map.scans(), seconds)
-    }
-
-    fn about(&self, laser: LaserCounts, ending: Ending) -> About {
-        let source = Source::Laser { port: self.name.to_owned(), laser, recording: None };
-        About { source, odometry: false, ending, fault: self.fault.as_ref().map(|error| format!("{error:#}")) }
+    fn about(&mut self, ending: Ending) -> About {
+        let mut source = self.scans.scans().source(ending != Ending::Running);
+        if let Source::Laser { laser, .. } = &mut source {
+            laser.too_fast = self.watch.too_fast;
+        }
+        let fault = self.fault.as_ref().map(|error| format!("{error:#}"));
+        About { config: self.plan.config, source, odometry: self.plan.odometry, ending, fault }
     }
 
     /// Writes the results of at least one scan.
-    fn finish(mut self, report: &SourceReport, is_early: bool) -> Result<(), Failure> {
-        let laser = LaserCounts {
-            damaged: report.counters.damaged,
-            restarts: report.counters.restarts,
-            overrun: report.overrun,
-            too_fast: self.watch.too_fast,
-        };
-        let input_fault = report.input_fault().map(|fault| anyhow!("{}: {fault}", self.name));
-        self.fault = self.fault.take().or(input_fault);
-        let ending = match (&self.fault, is_early) {
-            (Some(_), _) => Ending::Failed,
-            (None, true) => Ending::Interrupted,
-            (None, false) => Ending::Complete,
-        };
-        let mut about = self.about(laser, ending);
-        if let Source::Laser { recording, .. } = &mut about.source {
-            *recording = report.recording.as_ref().map(RecordingCounts::from);
-        }
-        let map = &mut self.map;
-        let report = self.folder.save(|stage| map.write_into(stage, &about)).map_err(Failure::Work)?;
-        self.args.tell.print(&report, || summary(&report, self.folder.named()))?;
+    fn finish(mut self) -> Result<(), Failure> {
+        self.scans.scans().end();
+        let ending = self.scans.ending(self.fault.is_some(), self.plan.stop);
+        let about = self.about(ending);
+        let report = self.folder.save(|stage| self.map.write_into(stage, &about));
+        let report = report.map_err(|error| Failure::Work(with_cause(error, self.fault.as_ref())))?;
+        self.plan.args.tell.print(&report, || summary(&report, self.folder.named()))?;
         let notice = partial_notice(&report, self.folder.named());
-        match self.fault {
-            Some(fault) => Err(Failure::Work(fault.context(notice))),
-            None if is_early => Err(Failure::Interrupted(anyhow!(notice))),
-            None => Ok(()),
+        match (ending, self.fault) {
+            (_, Some(fault)) => Err(Failure::Work(fault.context(notice))),
+            (Ending::Interrupted, None) => Err(Failure::Interrupted(anyhow!(notice))),
+            _ => Ok(()),
         }
+    }
+}
+
+/// A failed last write must not hide what went wrong before it.
+fn with_cause(error: anyhow::Error, fault: Option<&anyhow::Error>) -> anyhow::Error {
+    match fault {
+        Some(fault) => error.context(format!("{fault:#}; then, while writing partial results")),
+        None => error,
     }
 }
 

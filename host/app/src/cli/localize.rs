@@ -1,40 +1,54 @@
-//! `lrfslam localize`: a log and a saved map in; the robot's path in that map out, and how sure it is.
+//! `lrfslam localize`: scans and a saved map in; the robot's path in that map out, and how sure it is.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use clap::Args;
 use lrfslam_core::geometry::Pose2;
 
 use super::Failure;
-use super::laser::interrupt_flag;
-use super::map::{input, open_log, progress_bar, stem};
-use super::out::OutArgs;
-use super::shared::{ConfigArgs, MAP, START, SeedArgs, TellArgs};
-use super::summary::log_lines;
-use lrfslam_host::config::RunConfig;
-use lrfslam_host::localize::{KnownMap, LocalizeCounts, LocalizerMemory};
+use super::continuing::{ReadAhead, in_words};
+use super::laser::{EndArgs, LaserArgs, interrupt_flag, say};
+use super::map::{open_scans, stem};
+use super::out::{OutArgs, SaveArgs};
+use super::progress::Progress;
+use super::shared::{ConfigArgs, LOG, MAP, START, SeedArgs, TellArgs};
+use super::summary::source_lines;
+use crate::config::LocalizeReport;
+use crate::config::RunConfig;
+use lrfslam_host::localize::{KnownMap, LocalizeCounts, LocalizerMemory, Located};
 use lrfslam_host::mapping::saved_map::SavedMap;
+use lrfslam_host::output::ResultFolder;
+use lrfslam_host::plural::count;
 use lrfslam_host::program::Program;
-use lrfslam_host::results::report::{Ending, Source};
-use lrfslam_host::runs::localize::{LocalizeReport, LocalizeRun};
-use lrfslam_host::scans::log::LogReader;
+use lrfslam_host::results::report::Ending;
+use lrfslam_host::runs::localize::LocalizeRun;
+use lrfslam_host::runs::scans::Scans;
+use lrfslam_host::scans::log::LogScan;
 
 /// Find and track the robot in a map that was made before; the map is not changed.
 ///
 /// Written are trajectory.tum (the robot's pose in the map for every scan at which it is known), localization.csv (for every scan: pose, standard
 /// deviations, and the probability that the position is right), localization.png (the path over the map) and run.json.
+///
+/// The scans are those of a log or a recording, or with --lrf and --port those of a laser now, until ctrl-C.
 #[derive(Debug, Args)]
 pub(super) struct LocalizeArgs {
-    /// The log; - reads it from standard input.
-    log: PathBuf,
+    #[arg(help = LOG, required_unless_present = "LaserArgs", conflicts_with = "LaserArgs")]
+    log: Option<PathBuf>,
+    #[command(flatten)]
+    laser: Option<LaserArgs>,
+    #[command(flatten)]
+    end: EndArgs,
     #[arg(long, value_name = "DIR", help = MAP)]
     map: PathBuf,
     #[arg(long, value_name = "X,Y,DEG", help = START, value_parser = start, allow_hyphen_values = true)]
     start: Option<Start>,
     #[command(flatten)]
     out: OutArgs,
+    #[command(flatten)]
+    save: SaveArgs,
     #[command(flatten)]
     config: ConfigArgs,
     #[command(flatten)]
@@ -85,42 +99,36 @@ pub(super) fn start(text: &str) -> Result<Start, String> {
 pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
     let stop = interrupt_flag().map_err(Failure::Start)?;
     let saved = SavedMap::read(&args.map).map_err(Failure::start)?;
-    let config = args.config.load_over(saved.config, [])?;
-    let map = KnownMap::new(&saved, &config).map_err(|error| not_whole(&args.map, &error))?;
-    let mut log = open_log(&args.log, config.log_options()).map_err(Failure::start)?;
+    let config = RunConfig::of_saved(&saved, &args.map).map_err(Failure::start)?;
+    let config = args.config.load_over(config, [])?;
+    let map = KnownMap::new(&saved, &config.mapping().high_slam()).map_err(|error| not_whole(&args.map, &error))?;
     let start = args.start.map(|start| start.pose(&map));
-    let mut memory = LocalizerMemory::new(&config);
-    let mut run = LocalizeRun::new((&config, args.seed.seed), &map, start, &mut memory).map_err(Failure::Start)?;
-    let mut folder = args.out.folder(&stem(&args.log, "localized"))?;
-    let progress = progress_bar(log.size_bytes(), args.tell.is_quiet());
-    let (ending, fault) = locate_scans(&mut log, &mut run, &config, (&progress, stop));
-    progress.finish_and_clear();
-    let source = Source::Log { input: input(&args.log, &mut log), log: log.counts(), range_max_m: log.range_max_m() };
-    let describe = |localisation, first_found_after_s| LocalizeReport {
-        program: Program::THIS,
-        map: args.map.display().to_string(),
-        map_program: saved.program.clone(),
-        source,
-        config,
-        seed: args.seed.seed,
-        start: start.map(|pose| [pose.x, pose.y, pose.heading.to_degrees()]),
-        localisation,
-        first_found_after_s,
-        partial: ending != Ending::Complete,
-        ending,
-        fault: fault.as_ref().map(|error| format!("{error:#}")),
-    };
-    let report = folder.save(|stage| run.write_into(stage, describe)).map_err(Failure::Work)?;
-    args.tell.print(&report, || summary(&report, folder.named()))?;
-    let partial = || format!("partial results are in {}", folder.named().display());
-    match (ending, fault) {
-        (_, Some(fault)) => Err(Failure::Work(fault.context(partial()))),
-        (Ending::Interrupted, None) => Err(Failure::Interrupted(anyhow::anyhow!(partial()))),
-        _ if report.first_found_after_s.is_none() => {
-            let map = args.map.display();
-            Err(Failure::NotFound(anyhow::anyhow!("the robot has not found itself in the map in {map}")))
+    let localizer = config.localizer();
+    let mut memory = LocalizerMemory::new(&localizer);
+    let run = LocalizeRun::new((&localizer, args.seed.seed), &map, start, &mut memory).map_err(Failure::Start)?;
+    let (scans, folder) = args.open(&config, stop)?;
+    let mut scans = ReadAhead::new(scans, args.end);
+    scans.wait(stop)?;
+    Session { args, saved: &saved, config, start, run, scans, folder, fault: None }.run(stop)
+}
+
+impl LocalizeArgs {
+    /// The scans, and where the results go.
+    fn open(&self, config: &RunConfig, stop: &'static AtomicBool) -> Result<(Scans, ResultFolder), Failure> {
+        match (&self.log, &self.laser) {
+            (Some(log), _) => {
+                let scans = open_scans(log, config, stop, self.tell)?;
+                let mut folder = self.out.folder(&stem(log, "localized"))?;
+                scans.recording().iter().for_each(|file| folder.keep(file));
+                Ok((scans, folder))
+            }
+            (None, Some(laser)) => {
+                let laser = laser.live().map_err(Failure::Start)?;
+                let folder = self.out.folder("localized")?;
+                Ok((Scans::live(laser, stop, self.tell.sayer()), folder))
+            }
+            (None, None) => Err(Failure::start(anyhow::anyhow!("neither a log nor a laser"))),
         }
-        _ => Ok(()),
     }
 }
 
@@ -129,44 +137,113 @@ pub(super) fn not_whole(folder: &Path, error: &impl std::fmt::Display) -> Failur
     Failure::Start(anyhow::anyhow!("{}: damaged: {error}", file.display()))
 }
 
-fn locate_scans(
-    log: &mut LogReader,
-    run: &mut LocalizeRun<'_>,
-    config: &RunConfig,
-    (progress, stop): (&indicatif::ProgressBar, &AtomicBool),
-) -> (Ending, Option<anyhow::Error>) {
-    let bytes_read = log.bytes_read();
-    for scan in log.by_ref() {
-        let located = scan.map_err(anyhow::Error::new).and_then(|scan| {
-            let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
-            run.add_scan(&scan.scan(), robot_from_lrf)
-        });
-        if let Err(fault) = located {
-            return (Ending::Failed, Some(fault));
+/// Scans on their way through a map.
+struct Session<'a> {
+    args: &'a LocalizeArgs,
+    saved: &'a SavedMap,
+    config: RunConfig,
+    start: Option<Pose2>,
+    run: LocalizeRun<'a>,
+    scans: ReadAhead,
+    folder: ResultFolder,
+    fault: Option<anyhow::Error>,
+}
+
+impl Session<'_> {
+    fn run(mut self, stop: &AtomicBool) -> Result<(), Failure> {
+        let progress = Progress::new(self.scans.scans(), self.args.tell.is_quiet());
+        let mut is_known = None;
+        while let Some(scan) = self.scans.next() {
+            match scan.and_then(|scan| self.add_scan(&scan)) {
+                Ok(located) => self.tell_changes(&mut is_known, located.as_ref()),
+                Err(fault) => {
+                    self.fault = Some(fault);
+                    break;
+                }
+            }
+            if self.folder.is_due(self.args.save.every()) {
+                let saved = self.save(Ending::Running);
+                self.folder.news(&saved).iter().for_each(|news| say(news));
+            }
+            progress.set(self.run.scans());
         }
-        if stop.load(Ordering::Relaxed) {
-            return (Ending::Interrupted, None);
-        }
-        let rate = run.scans() as f64 / progress.elapsed().as_secs_f64().max(1e-6);
-        progress.set_message(format!("{rate:.0} scans/s"));
-        progress.set_position(bytes_read.get());
+        progress.clear();
+        self.finish(stop)
     }
-    (Ending::Complete, None)
+
+    fn add_scan(&mut self, scan: &LogScan) -> anyhow::Result<Option<Located>> {
+        let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| self.config.robot_from_lrf());
+        self.run.add_scan(&scan.scan(), robot_from_lrf)
+    }
+
+    /// Of a laser now: that the robot is found, and that it is lost.
+    fn tell_changes(&mut self, is_known: &mut Option<bool>, located: Option<&Located>) {
+        if !self.scans.scans().is_live() || is_known.replace(located.is_some()) == Some(located.is_some()) {
+            return;
+        }
+        self.args.tell.say(&match located {
+            Some(located) => format!("the robot is at {} in the map", in_words(located.map_from_robot)),
+            None => "looking where in the map the robot is: it has to drive a few metres".to_owned(),
+        });
+    }
+
+    fn save(&mut self, ending: Ending) -> anyhow::Result<LocalizeReport> {
+        let source = self.scans.scans().source(ending != Ending::Running);
+        let (args, saved, config, start) = (self.args, self.saved, self.config, self.start);
+        let fault = self.fault.as_ref().map(|error| format!("{error:#}"));
+        let describe = |localisation, first_found_after_s| LocalizeReport {
+            program: Program::THIS,
+            map: args.map.display().to_string(),
+            map_program: saved.program.clone(),
+            source,
+            config,
+            seed: args.seed.seed,
+            start: start.map(|pose| [pose.x, pose.y, pose.heading.to_degrees()]),
+            localisation,
+            first_found_after_s,
+            partial: ending != Ending::Complete,
+            ending,
+            fault,
+        };
+        self.folder.save(|stage| self.run.write_into(stage, &config.map, describe))
+    }
+
+    fn finish(mut self, stop: &AtomicBool) -> Result<(), Failure> {
+        self.scans.scans().end();
+        let ending = self.scans.ending(self.fault.is_some(), stop);
+        let report = self.save(ending).map_err(Failure::Work)?;
+        self.args.tell.print(&report, || summary(&report, self.folder.named()))?;
+        let partial = format!("partial results are in {}", self.folder.named().display());
+        match (ending, self.fault) {
+            (_, Some(fault)) => Err(Failure::Work(fault.context(partial))),
+            (Ending::Interrupted, None) => Err(Failure::Interrupted(anyhow::anyhow!(partial))),
+            _ if report.first_found_after_s.is_none() => {
+                let map = self.args.map.display();
+                Err(Failure::NotFound(anyhow::anyhow!("the robot has not found itself in the map in {map}")))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 fn summary(report: &LocalizeReport, out: &Path) -> String {
     let LocalizeCounts { tracked_scans, searching_scans, searches, found, lost } = report.localisation;
-    let mut text = format!("{} scans, pose known at {tracked_scans}", tracked_scans + searching_scans);
+    let times = |number| count(number, "time");
+    let mut text = format!("{}, pose known at {tracked_scans}", count(tracked_scans + searching_scans, "scan"));
     // Writing to a string cannot fail.
     let _ = match report.first_found_after_s {
-        None => writeln!(text, "\nthe robot has not found itself in the map ({searches} searches)"),
-        Some(_) if report.start.is_some() => writeln!(text, "; lost {lost} times, found again {found} times"),
-        Some(after_s) => writeln!(text, "; found after {after_s:.1} s; found {found} times, lost {lost} times"),
+        None => {
+            let searched = times(searches);
+            writeln!(text, "\nthe robot has not found itself in the map (searched for {searched})")
+        }
+        Some(_) if report.start.is_some() => writeln!(text, "; lost {}, found again {}", times(lost), times(found)),
+        Some(after_s) => {
+            writeln!(text, "; found after {after_s:.1} s; found {}, lost {}", times(found), times(lost))
+        }
     };
-    if let Source::Log { log, .. } = &report.source {
-        text.push_str(&log_lines(log));
-    }
-    let _ = writeln!(text, "results in {}", out.display());
+    text.push_str(&source_lines(&report.source));
+    let state = if report.partial { "partial results" } else { "results" };
+    let _ = writeln!(text, "{state} in {}", out.display());
     text
 }
 

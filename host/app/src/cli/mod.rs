@@ -28,6 +28,7 @@ mod man;
 mod map;
 mod out;
 mod particles;
+mod progress;
 mod replay;
 mod run;
 mod shared;

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::Failure;
 use super::shared::{ConfigArgs, LEVELS, PARTICLES};
-use lrfslam_host::config::RunConfig;
+use crate::config::RunConfig;
 
 /// How many particles, on how many threads.
 #[derive(Debug, Args)]

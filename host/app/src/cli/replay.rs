@@ -5,12 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Failure;
-use super::laser::interrupt_flag;
-use super::live_scans::{Mapping, map_live};
-use lrfslam_host::output::ResultFolder;
-use lrfslam_host::scans::live::ScanSource;
+use super::live_scans::Mapping;
+use lrfslam_host::runs::scans::Scans;
 
-/// Run a recording of a laser range finder again, as it was, or as fast as possible.
+/// Run a recording of a laser range finder again, as it was, or as fast as possible, as `lrfslam map` does.
 #[derive(Debug, Args)]
 pub(super) struct ReplayArgs {
     /// The recording that `lrfslam run` wrote: laser.rec among its results.
@@ -23,12 +21,7 @@ pub(super) struct ReplayArgs {
 }
 
 pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
-    let stop = interrupt_flag().map_err(Failure::Start)?;
-    let name = args.file.display().to_string();
-    let source = |folder: &mut ResultFolder| {
-        // Results of a recording may replace those beside it.
-        folder.keep(&args.file);
-        ScanSource::Recording { path: args.file.clone(), fast: args.fast }
-    };
-    map_live(&name, source, stop, &args.mapping)
+    let plan = args.mapping.plan()?;
+    let scans = Scans::replay(&args.file, args.fast, plan.stop, args.mapping.tell().sayer()).map_err(Failure::Start)?;
+    plan.map(scans, || args.mapping.folder("run"))
 }

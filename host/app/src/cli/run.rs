@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Failure;
-use super::laser::{LaserArgs, interrupt_flag};
-use super::live_scans::{Mapping, map_live};
+use super::laser::LaserArgs;
+use super::live_scans::Mapping;
 use lrfslam_host::output::{RECORDING, ResultFolder};
-use lrfslam_host::scans::live::{LiveLaser, ScanSource};
+use lrfslam_host::runs::scans::Scans;
+use lrfslam_host::scans::live::LiveLaser;
 use lrfslam_host::scans::recording::RecordPlan;
 
 /// Map live from a laser range finder until ctrl-C, which stops the laser and writes the map.
@@ -43,9 +44,9 @@ impl RunArgs {
 }
 
 pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
-    let stop = interrupt_flag().map_err(Failure::Start)?;
     let laser = args.laser.live().map_err(Failure::Start)?;
-    let name = laser.address.to_string();
-    let source = |folder: &mut ResultFolder| ScanSource::Live(LiveLaser { record: args.record(folder), ..laser });
-    map_live(&name, source, stop, &args.mapping)
+    let plan = args.mapping.plan()?;
+    let folder = args.mapping.folder("run")?;
+    let laser = LiveLaser { record: args.record(&folder), ..laser };
+    plan.map(Scans::live(laser, plan.stop, args.mapping.tell().sayer()), || Ok(folder))
 }

@@ -9,7 +9,8 @@ use serde::Serialize;
 
 use super::laser::say;
 use super::{Failure, print};
-use lrfslam_host::config::RunConfig;
+use crate::config::RunConfig;
+use lrfslam_host::scans::live::Say;
 
 /// Help of `--truth`.
 pub(super) const TRUTH: &str = "The true path: TUM, or lines `t x y theta`";
@@ -22,6 +23,9 @@ pub(super) const PORT: &str = "Serial port, such as /dev/ttyUSB0, or tcp:HOST or
 /// Help of `--seeds`.
 #[cfg(feature = "experiments")]
 pub(super) const SEEDS: &str = "Seeds 1 to N: each is a run of its own";
+/// Help of LOG.
+pub(super) const LOG: &str =
+    "A log, a recording of a laser, or the folder of the run that made it; - reads a log from standard input";
 /// Help of `--map`.
 pub(super) const MAP: &str = "Folder that `lrfslam map` has written";
 /// Help of `--seconds`.
@@ -121,6 +125,11 @@ impl TellArgs {
         if !self.quiet {
             say(text);
         }
+    }
+
+    /// The same, for a thread of its own.
+    pub(super) fn sayer(self) -> Say {
+        Box::new(move |text| self.say(text))
     }
 
     /// What is to be printed at the end; nothing if quiet.

@@ -3,36 +3,33 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use crate::config::RunReport;
 use lrfslam_host::mapping::MatchCounts;
+use lrfslam_host::plural::count;
 use lrfslam_host::results::quality::{Quality, Stretch};
-use lrfslam_host::results::report::{LaserCounts, RobotCounts, RunReport, Source};
+use lrfslam_host::results::report::{LaserCounts, RobotCounts, Source};
 use lrfslam_host::scans::log::LogCounts;
 
 /// What was done, how fast, and what was odd.
 pub(super) fn summary(report: &RunReport, out: &Path) -> String {
     let mut text = String::new();
     let cost = &report.cost;
-    let _ = write!(text, "{} scans in {:.1} s, {:.0} scans/s", cost.scans, cost.wall_s, cost.scans_per_s);
-    if cost.driven_s > 0.0 && !has_made_up_times(report) {
-        let _ = write!(text, ", {:.0} × real time", cost.driven_s / cost.wall_s.max(1e-6));
+    let scans = count(cost.scans, "scan");
+    if let Source::Robot { .. } = report.source {
+        // The robot did the work: how long this host took for its part says nothing about it.
+        let _ = write!(text, "{scans} over {:.0} s", cost.driven_s);
+    } else {
+        let _ = write!(text, "{scans} in {:.1} s, {:.0} scans/s", cost.wall_s, cost.scans_per_s);
+        if cost.driven_s > 0.0 && !has_made_up_times(report) {
+            let _ = write!(text, ", {:.0} × real time", cost.driven_s / cost.wall_s.max(1e-6));
+        }
     }
     if let Some(bytes) = cost.peak_memory_bytes {
         let _ = write!(text, ", {:.0} MB at most", bytes as f64 / 1e6);
     }
     text.push('\n');
     push_quality(&mut text, &report.quality);
-    let source = match &report.source {
-        Source::Log { log, .. } => log_notes(log),
-        Source::Laser { laser, recording, .. } => {
-            let ended = recording.as_ref().and_then(|recording| recording.fault.as_ref());
-            let note = ended.map(|why| (true, format!("the recording ends before the run: {why}")));
-            laser_notes(laser).into_iter().chain(note).collect()
-        }
-        Source::Robot { robot, .. } => robot_notes(robot),
-    };
-    for (_, note) in source.into_iter().chain(map_notes(report)).filter(|(applies, _)| *applies) {
-        let _ = writeln!(text, "note: {note}");
-    }
+    text.push_str(&lines(source_notes(&report.source).into_iter().chain(map_notes(report))));
     let state = if report.partial { "partial results" } else { "results" };
     let _ = writeln!(text, "{state} in {}", out.display());
     text
@@ -40,7 +37,7 @@ pub(super) fn summary(report: &RunReport, out: &Path) -> String {
 
 /// What is said of results that are not whole.
 pub(super) fn partial_notice(report: &RunReport, out: &Path) -> String {
-    format!("stopped after {} scans; partial results are in {}", report.cost.scans, out.display())
+    format!("stopped after {}; partial results are in {}", count(report.cost.scans, "scan"), out.display())
 }
 
 /// Path, map, loops, and how far to trust them.
@@ -50,7 +47,7 @@ fn push_quality(text: &mut String, quality: &Quality) {
         let _ = write!(text, ", map {width:.1} m by {height:.1} m");
     }
     if let Some(loops) = quality.loops_closed {
-        let _ = write!(text, ", {loops} loops closed");
+        let _ = write!(text, ", {} closed", count(loops, "loop"));
     }
     let _ = writeln!(text, ", {:.1} % of the scans matched well", 100.0 * quality.matched_well);
     for (what, stretches) in [("lost", &quality.lost), ("an axis undetermined", &quality.undetermined)] {
@@ -61,7 +58,8 @@ fn push_quality(text: &mut String, quality: &Quality) {
         let time = |stretch: &Stretch| format!("{:.0} to {:.0} s", stretch.from_s, stretch.to_s);
         let longest: Vec<String> = long.iter().take(STRETCHES_SHOWN).map(|stretch| time(stretch)).collect();
         let more = long.len().saturating_sub(STRETCHES_SHOWN);
-        let more = if more > 0 { format!(" and {more} shorter ones (run.json)") } else { String::new() };
+        let more =
+            if more > 0 { format!(" and {} (run.json)", count(more as u64, "shorter one")) } else { String::new() };
         let _ = writeln!(text, "{what} at {}{more}", longest.join(", "));
     }
     let _ = writeln!(text, "{}", quality.trust);
@@ -81,69 +79,88 @@ type Note = (bool, String);
 
 fn map_notes(report: &RunReport) -> Vec<Note> {
     let MatchCounts { lost_scans, undetermined_scans, dropped_points, forgotten_tiles, .. } = report.matching;
+    let (tiles, points) = (count(forgotten_tiles, "tile"), count(dropped_points, "point"));
     vec![
         (report.beams.hits == 0, "no beam hit anything: there is no map".to_owned()),
-        (lost_scans > 0, format!("{lost_scans} scans agreed too little with the map to be believed")),
+        (lost_scans > 0, format!("{} agreed too little with the map to be believed", count(lost_scans, "scan"))),
         (
             undetermined_scans > 0,
-            format!("{undetermined_scans} scans left an axis undetermined (featureless corridor?)"),
+            format!("{} left an axis undetermined (featureless corridor?)", count(undetermined_scans, "scan")),
         ),
         (
             dropped_points + forgotten_tiles > 0,
-            format!(
-                "memory.ndt_tiles is too small: {forgotten_tiles} tiles forgotten, {dropped_points} points found no room"
-            ),
+            format!("memory.ndt_tiles is too small: {tiles} forgotten, {points} found no room"),
         ),
     ]
 }
 
-/// What was odd about a log, a line each.
-pub(super) fn log_lines(log: &LogCounts) -> String {
-    let notes = log_notes(log).into_iter().filter(|(applies, _)| *applies);
+/// What was odd about the scans, a line each.
+pub(super) fn source_lines(source: &Source) -> String {
+    lines(source_notes(source))
+}
+
+fn lines(notes: impl IntoIterator<Item = Note>) -> String {
+    let notes = notes.into_iter().filter(|(applies, _)| *applies);
     notes.map(|(_, note)| format!("note: {note}\n")).collect()
+}
+
+fn source_notes(source: &Source) -> Vec<Note> {
+    match source {
+        Source::Log { log, .. } => log_notes(log),
+        Source::Laser { laser, recording, .. } => {
+            let ended = recording.as_ref().and_then(|recording| recording.fault.as_ref());
+            let note = ended.map(|why| (true, format!("the recording ends before the run: {why}")));
+            laser_notes(laser).into_iter().chain(note).collect()
+        }
+        Source::Robot { robot, .. } => robot_notes(robot),
+    }
 }
 
 fn log_notes(log: &LogCounts) -> Vec<Note> {
     let (backward, skipped, contradictions) = (log.backward_times, log.skipped_lines, log.mounting_contradictions);
     let (damage, repeated) = (log.damage_note(), log.repeated_times);
+    let scans = |number| count(number, "scan");
     vec![
         (damage.is_some(), damage.unwrap_or_default()),
         (log.synthetic_times, "the log has no times; scans are stamped at a fixed rate".to_owned()),
-        (backward > 0, format!("{backward} scans are older than the one before (kept in file order)")),
+        (backward > 0, format!("{} older than the one before (kept in file order)", scans(backward))),
         (
             repeated > 0,
-            format!("{repeated} scans have the time of an earlier one (trajectory.tum has the last one's pose)"),
+            format!("{} with the time of an earlier one (trajectory.tum has the last one's pose)", scans(repeated)),
         ),
-        (skipped > 0, format!("{skipped} lines of other kinds skipped")),
-        (contradictions > 0, format!("{contradictions} scans contradict the laser's mounting on the robot")),
+        (skipped > 0, format!("{} of other kinds skipped", count(skipped, "line"))),
+        (contradictions > 0, format!("{} at odds with the laser's mounting on the robot", scans(contradictions))),
         (log.cut_last_line, "the last line of the log is cut short and was ignored".to_owned()),
     ]
 }
 
 fn laser_notes(laser: &LaserCounts) -> Vec<Note> {
     let LaserCounts { damaged, restarts, overrun, too_fast } = *laser;
+    let scans = |number: u32| count(number.into(), "scan");
     vec![
-        (damaged > 0, format!("{damaged} scans or replies were refused as damaged")),
-        (restarts > 0, format!("the laser was started anew {restarts} times")),
-        (overrun > 0, format!("{overrun} scans were dropped: the computer is too slow for this laser")),
-        (too_fast > 0, format!("during {too_fast} scans the robot moved faster than the laser's rate allows")),
+        (damaged > 0, format!("{damaged} of the laser's scans and replies refused as damaged")),
+        (restarts > 0, format!("the laser was started anew {}", count(restarts.into(), "time"))),
+        (overrun > 0, format!("{} dropped: the computer is too slow for this laser", scans(overrun))),
+        (too_fast > 0, format!("during {} the robot moved faster than the laser's rate allows", scans(too_fast))),
     ]
 }
 
 fn robot_notes(robot: &RobotCounts) -> Vec<Note> {
     let RobotCounts { missing_scans, untold_sweeps, refused_scans, dropped_particles, tiles_forgotten, .. } = *robot;
+    let scans = |number: u32| count(number.into(), "scan");
+    let (tiles, particles) = (count(tiles_forgotten.into(), "tile"), count(dropped_particles.into(), "particle"));
     vec![
         (!robot.is_from_start, "the path begins where this host came, not where the robot began".to_owned()),
         (!robot.is_map_complete, "the robot has not told all of its map: robot-map.pgm is what came".to_owned()),
-        (missing_scans > 0, format!("{missing_scans} scans were lost while the link was away for too long")),
-        (untold_sweeps > 0, format!("{untold_sweeps} scans came without their beams: the link is too slow")),
+        (missing_scans > 0, format!("{} lost while the link was away for too long", scans(missing_scans))),
+        (untold_sweeps > 0, format!("{} came without their beams: the link is too slow", scans(untold_sweeps))),
+        (tiles_forgotten > 0, format!("{tiles} of the robot's map lost: its memory was full while no host was there")),
         (
-            tiles_forgotten > 0,
-            format!("{tiles_forgotten} tiles of the robot's map are lost: its memory was full while no host was there"),
+            refused_scans > 0,
+            format!("{} with more beams than the robot has memory for (--cluster)", scans(refused_scans)),
         ),
-        (refused_scans > 0, format!("{refused_scans} scans have more beams than the robot has memory for (--cluster)")),
-        (dropped_particles > 0, format!("{dropped_particles} particles went because the robot's memory was full")),
-        (robot.restarts > 0, format!("the robot started its laser anew {} times", robot.restarts)),
-        (robot.damaged > 0, format!("{} scans or replies of the laser were refused as damaged", robot.damaged)),
+        (dropped_particles > 0, format!("{particles} went because the robot's memory was full")),
+        (robot.restarts > 0, format!("the robot started its laser anew {}", count(robot.restarts.into(), "time"))),
+        (robot.damaged > 0, format!("{} of the laser's scans and replies refused as damaged", robot.damaged)),
     ]
 }

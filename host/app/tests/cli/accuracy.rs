@@ -4,8 +4,8 @@
 
 use std::path::Path;
 
+use lrfslam_app::config::RunConfig;
 use lrfslam_core::time::Duration;
-use lrfslam_host::config::RunConfig;
 use lrfslam_host::runs::map::{MapRun, RunMemory};
 use lrfslam_host::scans::log::LogReader;
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
@@ -24,8 +24,8 @@ const ACES_CLOCK: Duration = Duration::from_millis(70_180);
 fn path_of(log: &Path, levels: u16, seed: u64) -> Vec<TimedPose> {
     let mut config = RunConfig::default();
     config.hierarchy.levels = levels;
-    let mut memory = RunMemory::new(&config, 2);
-    let mut run = MapRun::new(&config, seed, &mut memory).unwrap();
+    let mut memory = RunMemory::new(&config.mapping(), 2);
+    let mut run = MapRun::new(&config.mapping(), seed, &mut memory).unwrap();
     for scan in LogReader::open(log, config.log_options()).unwrap() {
         let scan = scan.unwrap();
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());

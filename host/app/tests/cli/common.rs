@@ -37,3 +37,13 @@ pub fn flaser(i: u32, count: usize) -> String {
     let x = f64::from(i) * 0.1;
     format!("FLASER {count} {ranges} {x} 0 0 {x} 0 0 {i}.000000 host {i}.000000\n")
 }
+
+/// Positions by their times, as they stand in a TUM file.
+pub fn read_positions(file: &Path) -> Vec<(String, f64, f64)> {
+    let text = std::fs::read_to_string(file).unwrap();
+    let pose = |line: &str| {
+        let words: Vec<&str> = line.split(' ').collect();
+        (words[0].to_owned(), words[1].parse().unwrap(), words[2].parse().unwrap())
+    };
+    text.lines().map(pose).collect()
+}

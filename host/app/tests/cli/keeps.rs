@@ -49,7 +49,11 @@ fn wait_until(what: &str, is_so: impl Fn() -> bool) {
 }
 
 fn interrupt(child: &Child) {
-    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    send(child, "-INT");
+}
+
+fn send(child: &Child, signal: &str) {
+    let sent = Command::new("kill").args([signal, &child.id().to_string()]).status();
     assert!(sent.unwrap().success());
 }
 
@@ -109,18 +113,103 @@ fn ctrl_c_writes_what_was_mapped_and_says_partial() {
     let out = folder.path().join("out");
     wait_until("a first save", || out.join("run.json").exists());
     assert_eq!((report(&out)["ending"].as_str(), report(&out)["partial"].as_bool()), (Some("running"), Some(true)));
+    // The pipe stays open and silent.
+    std::thread::sleep(Duration::from_millis(500));
     interrupt(&child);
-    std::thread::sleep(Duration::from_millis(300));
-    let _ = log.write_all(&log_of(80).as_bytes()[log_of(60).len()..]);
-    drop(log);
     let done = child.wait_with_output().unwrap();
     let stderr = String::from_utf8(done.stderr).unwrap();
     assert_eq!(done.status.code(), Some(130), "{stderr}");
     assert!(stderr.contains("partial results are in out"), "{stderr}");
     let report = report(&out);
     assert_eq!((report["ending"].as_str(), report["partial"].as_bool()), (Some("interrupted"), Some(true)));
-    assert!((1..80).contains(&poses(&out)), "{}", poses(&out));
+    assert_eq!(poses(&out), 60, "all that came");
     assert!(SavedMap::read(&out).is_ok());
+    drop(log);
+}
+
+/// The first scans are looked at before the first is mapped; a pipe may say nothing at all.
+#[test]
+fn ctrl_c_is_noticed_however_little_has_come() {
+    let folder = tempfile::tempdir().unwrap();
+    for (scans, words) in [(0, "no scan came: no results were written"), (5, "stopped after 5 scans")] {
+        let mut child = slow_map(folder.path(), &[]);
+        let mut log = child.stdin.take().unwrap();
+        log.write_all(log_of(scans).as_bytes()).unwrap();
+        std::thread::sleep(Duration::from_millis(700));
+        interrupt(&child);
+        let done = child.wait_with_output().unwrap();
+        let stderr = String::from_utf8(done.stderr).unwrap();
+        assert!(done.status.code() == Some(130) && stderr.contains(words), "{scans}: {:?} {stderr}", done.status);
+        assert_eq!(folder.path().join("out").exists(), scans > 0);
+        drop(log);
+    }
+}
+
+/// How a program is ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum End {
+    Kill,
+    Interrupt,
+    Terminate,
+}
+
+/// The old map, or one of both logs: whole at ten moments of every end, with the right exit code.
+#[test]
+fn a_map_that_is_gone_on_with_is_whole_at_any_moment() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let line = |i: u32| corner(i, 0.1 * f64::from(i));
+    fs::write(folder.join("first.log"), (0..60).map(line).collect::<String>()).unwrap();
+    let again = |i: u32| corner(1000 + i, 0.1 * f64::from(i % 60));
+    fs::write(folder.join("second.log"), (0..400).map(again).collect::<String>()).unwrap();
+    assert_eq!(run(folder, &["map", "first.log", "--out", "old", "-q"]).0, 0);
+    let go_on = "map second.log --continue out --start 0,0,0 --trust-start --out out --overwrite --save-every 0 -q";
+    let words: Vec<&str> = go_on.split(' ').collect();
+    let mut lengths = Vec::new();
+    for (end, moment) in
+        [End::Kill, End::Interrupt, End::Terminate].iter().flat_map(|end| (0..10).map(move |m| (*end, m)))
+    {
+        let _ = fs::remove_dir_all(folder.join("out"));
+        fs::create_dir(folder.join("out")).unwrap();
+        files(&folder.join("old"))
+            .iter()
+            .for_each(|(name, bytes)| fs::write(folder.join("out").join(name), bytes).unwrap());
+        let mut child = lrfslam(folder, &words).stderr(Stdio::piped()).spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(30 + 90 * moment));
+        match end {
+            End::Kill => child.kill().unwrap(),
+            End::Interrupt => interrupt(&child),
+            End::Terminate => send(&child, "-TERM"),
+        }
+        let done = child.wait_with_output().unwrap();
+        let (out, what) = (folder.join("out"), format!("{end:?} at moment {moment}"));
+        let (report, count) = (report(&out), poses(&out));
+        let before = if report["continues"].is_null() { 0 } else { 60 };
+        assert_eq!(
+            report["cost"]["scans"].as_u64(),
+            Some(count as u64 - before),
+            "{what}: one set, with the first visit"
+        );
+        assert!(SavedMap::read(&out).is_ok(), "{what}");
+        let code = done.status.code();
+        let stderr = String::from_utf8(done.stderr).unwrap();
+        assert!(matches!(code, None | Some(0 | 130)), "{what}: {stderr}");
+        assert!(code != Some(130) || stderr.contains("results"), "{what}: {stderr}");
+        assert!(end == End::Kill || !folder.join("out.lrfslam-new").exists(), "{what}");
+        lengths.push(count);
+    }
+    assert!(lengths.contains(&60) && lengths.iter().any(|length| *length > 60), "{lengths:?}");
+}
+
+/// A scan from `x` m along a hall with a corner ahead, so that the place is determined.
+fn corner(second: u32, x: f64) -> String {
+    let range = |beam: u32| {
+        let bearing = f64::from(beam).to_radians() - std::f64::consts::FRAC_PI_2;
+        let (ahead, aside) = ((12.0 - x) / bearing.cos().max(1e-3), 3.0 / bearing.sin().abs().max(1e-3));
+        format!("{:.2}", f64::min(ahead, aside))
+    };
+    let ranges: Vec<String> = (0..180).map(range).collect();
+    format!("FLASER 180 {} {x} 0 0 {x} 0 0 {second}.000000 host {second}.000000\n", ranges.join(" "))
 }
 
 /// At ten moments: what is in the folder is a whole set, of this run or of the one before.
@@ -210,14 +299,18 @@ fn a_place_that_cannot_be_replaced_is_refused_at_the_start() {
 /// The first blocks of a file can be written, and then no more, as on a disk that gets full.
 #[test]
 fn a_full_disk_leaves_what_was_there() {
+    const COMMANDS: [&str; 3] = [
+        "map a.log --matcher-only",
+        "localize a.log --map out",
+        "map a.log --continue out --start 0,0,0 --trust-start",
+    ];
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     fs::write(folder.join("a.log"), log_of(60)).unwrap();
     assert_eq!(run(folder, &["map", "a.log", "--out", "out", "-q"]).0, 0);
     let before = files(&folder.join("out"));
-    for (blocks, command) in [0, 1, 2, 4, 8, 12, 16, 20]
-        .into_iter()
-        .flat_map(|blocks| ["map a.log --matcher-only", "localize a.log --map out"].map(|command| (blocks, command)))
+    for (blocks, command) in
+        [0, 1, 2, 4, 8, 12, 16, 20].into_iter().flat_map(|blocks| COMMANDS.map(|command| (blocks, command)))
     {
         let (code, stderr) = disk_of(blocks, folder, &format!("{command} --out out --overwrite -q"));
         // The robot need not find itself in so plain a room.

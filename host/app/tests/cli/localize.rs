@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{Read as _, Write as _};
 use std::path::Path;
 
-use crate::common::run;
+use crate::common::{read_positions, run};
 
 /// A position as near as this is right: the same distance that the stated certainty is about. The map's own path is off by up to 0.15 m.
 const RIGHT_M: f64 = 0.25;
@@ -34,23 +34,13 @@ fn report(folder: &Path) -> serde_json::Value {
     serde_json::from_slice(&fs::read(folder.join("run.json")).unwrap()).unwrap()
 }
 
-/// Positions by their times, as they stand in a TUM file.
-fn positions(file: &Path) -> Vec<(String, f64, f64)> {
-    let text = fs::read_to_string(file).unwrap();
-    let pose = |line: &str| {
-        let words: Vec<&str> = line.split(' ').collect();
-        (words[0].to_owned(), words[1].parse().unwrap(), words[2].parse().unwrap())
-    };
-    text.lines().map(pose).collect()
-}
-
 fn farthest_apart(path: &Path, truth: &Path) -> f64 {
-    let truth = positions(truth);
+    let truth = read_positions(truth);
     let distance = |(stamp, x, y): (String, f64, f64)| {
         let (_, true_x, true_y) = truth.iter().find(|(of, ..)| *of == stamp).expect("a pose for every scan");
         (x - true_x).hypot(y - true_y)
     };
-    positions(path).into_iter().map(distance).fold(0.0, f64::max)
+    read_positions(path).into_iter().map(distance).fold(0.0, f64::max)
 }
 
 #[test]
@@ -132,17 +122,17 @@ fn a_map_is_gone_on_with_where_the_robot_is() {
     assert_eq!(run(folder, &go_on), (0, String::new(), String::new()));
     assert_eq!(report(&folder.join("both"))["continues"], "first");
     let (both, all) = (folder.join("both/trajectory.tum"), folder.join("all/trajectory.tum"));
-    assert_eq!(positions(&both).len(), lines.len(), "the first drive's path is in it");
+    assert_eq!(read_positions(&both).len(), lines.len(), "the first drive's path is in it");
     let apart = farthest_apart(&both, &all);
     assert!(apart < RIGHT_M, "{apart} m");
 
     // The whole log again, from its start: the robot is where it said, and what it maps is the same building.
     let again = ["map", "all.log", "--continue", "both", "--start", "0,0,0", "-q", "--out", "again"];
     assert_eq!(run(folder, &again), (0, String::new(), String::new()));
-    let path = positions(&folder.join("again/trajectory.tum"));
+    let path = read_positions(&folder.join("again/trajectory.tum"));
     assert_eq!(path.len(), lines.len(), "the same times: of each the later pose is kept");
     let (_, x, y) = &path[lines.len() - 1];
-    let (_, end_x, end_y) = positions(&all).pop().unwrap();
+    let (_, end_x, end_y) = read_positions(&all).pop().unwrap();
     assert!((x - end_x).hypot(y - end_y) < RIGHT_M, "{x} {y} and {end_x} {end_y}");
 
     let (code, _, stderr) = run(folder, &["map", "second.log", "--continue", "first", "--levels", "1", "--out", "x"]);
@@ -181,7 +171,7 @@ fn a_map_is_not_gone_on_with_where_the_log_does_not_fit() {
     // The start of the first drive, found without being told; afterwards the map holds both, in place of the first one's.
     let (code, stderr) = go_on("first.log", &[]);
     assert_eq!(code, 0, "{stderr}");
-    assert!(stderr.contains("the log begins at 0.0"), "{stderr}");
-    let start = positions(&folder.join("first/trajectory.tum"))[0].clone();
+    assert!(stderr.contains("the drive begins at 0.0"), "{stderr}");
+    let start = read_positions(&folder.join("first/trajectory.tum"))[0].clone();
     assert!(start.1.hypot(start.2) < RIGHT_M, "{start:?}");
 }

@@ -125,9 +125,18 @@ fn a_run_is_recorded_and_replays_to_the_same_bytes() {
     let path = |name: &str| fs::read(folder.path().join(name).join("trajectory.tum")).unwrap();
     assert!(path("map").split(|byte| *byte == b'\n').count() >= 30);
     assert_eq!(path("map"), path("again"));
+    for (of, out) in [("map/laser.rec", "mapped"), ("map", "from-folder")] {
+        let (code, _, stderr) = run(folder.path(), &["map", of, "--scans", "30", "--out", out, "-q"]);
+        assert_eq!((code, stderr.as_str()), (0, ""));
+        assert_eq!(path(out), path("map"), "`map` maps a recording as `replay` does");
+    }
+    // Into the folder of the recording itself, which stays.
+    let recording = fs::read(folder.path().join("map/laser.rec")).unwrap();
+    let over = ["map", "map", "--out", "map", "--overwrite", "--scans", "20", "-q"];
+    assert_eq!(run(folder.path(), &over).0, 0);
+    assert!(fs::read(folder.path().join("map/laser.rec")).unwrap() == recording && path("map") != path("again"));
 
     // One that is there is kept.
-    let recording = fs::read(folder.path().join("map/laser.rec")).unwrap();
     let kept = [&arguments[..6], &["other", "--record", "map/laser.rec"]].concat();
     let (code, _, stderr) = run(folder.path(), &kept);
     assert!(code == 2 && stderr.contains("map/laser.rec: is there already"), "{stderr}");

@@ -10,3 +10,4 @@ mod keeps;
 mod laser;
 #[path = "../cli/map_server.rs"]
 mod map_server;
+mod visits;

@@ -20,7 +20,7 @@ use rand_core::Rng as _;
 use serde::Serialize;
 
 use super::normalised::{NormalisedError, NormalisedSummary};
-use super::pair::{Rig, Contender, align, anywhere, is_determined, is_recovered, overlap, points_of};
+use super::pair::{Contender, Rig, align, anywhere, is_determined, is_recovered, overlap, points_of};
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::TimedPose;
 

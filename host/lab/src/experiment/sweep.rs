@@ -17,7 +17,7 @@ use lrfslam_core::scan::{Beam, Echo};
 use rand_core::Rng as _;
 use serde::Serialize;
 
-use super::pair::{Rig, Contender, align, anywhere, is_determined, is_recovered, overlap, points_of};
+use super::pair::{Contender, Rig, align, anywhere, is_determined, is_recovered, overlap, points_of};
 use crate::evaluation::Statistics;
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::TimedPose;
@@ -249,7 +249,8 @@ struct Pair<'s> {
 
 impl Pair<'_> {
     fn overlaps(&self, run: &Rig, needed: f32) -> bool {
-        let (target, source) = (points_of(self.target, 0.0, run), points_of(self.source, run.slam.filter.radius_m, run));
+        let (target, source) =
+            (points_of(self.target, 0.0, run), points_of(self.source, run.slam.filter.radius_m, run));
         overlap(&target, &source, self.truth) >= needed
     }
 }

@@ -20,6 +20,7 @@ use self::legend::draw_legend;
 use crate::maps::colours::colour_at;
 use crate::maps::occupancy::{Occupancy, Raster};
 use crate::output::write_file;
+use crate::plural::count;
 use crate::trajectory::TimedPose;
 
 const FREE: Rgb = [255, 255, 255];
@@ -45,6 +46,8 @@ pub struct PictureNotes<'a> {
     pub truth: &'a [TimedPose],
     /// The poses' times were measured. If they were made up, the path's colours count scans.
     pub has_times: bool,
+    /// The first pose is of so much later than the first scan, s: the robot had to be found.
+    pub found_after_s: f64,
 }
 
 /// Writes the picture of `raster` with the path `poses` to `target`.
@@ -73,18 +76,22 @@ pub fn png(raster: &Raster, poses: &[TimedPose], notes: &PictureNotes<'_>) -> io
     draw_path(&mut canvas, &path);
     let footer = canvas.height() - FOOTER;
     draw_scale_bar(&mut canvas, raster.pixel_size_m / zoom as f64);
-    if let Some(duration) = duration(poses, notes.has_times) {
-        draw_colours(&mut canvas, ["0", &duration]);
+    if let Some([first, last]) = times(poses, notes) {
+        draw_colours(&mut canvas, [&first, &last]);
     }
     draw_legend(&mut canvas, footer + FOOTER_ROWS[1], !notes.truth.is_empty());
     encode(&canvas)
 }
 
-/// What the end of the path's colours stands for.
-fn duration(poses: &[TimedPose], has_times: bool) -> Option<String> {
+/// What the ends of the path's colours stand for.
+fn times(poses: &[TimedPose], notes: &PictureNotes<'_>) -> Option<[String; 2]> {
     let (first, last) = (poses.first()?, poses.last()?);
-    let seconds = last.stamp.as_secs_f64() - first.stamp.as_secs_f64();
-    Some(if has_times { format!("{seconds:.0} s") } else { format!("{} scans", poses.len()) })
+    let (found_s, seconds) = (notes.found_after_s, last.stamp.as_secs_f64() - first.stamp.as_secs_f64());
+    Some(match notes.has_times {
+        false => ["0".to_owned(), count(poses.len() as u64, "scan")],
+        true if found_s > 0.0 => [format!("found at {found_s:.0} s"), format!("{:.0} s", found_s + seconds)],
+        true => ["0".to_owned(), format!("{seconds:.0} s")],
+    })
 }
 
 fn draw_map(raster: &Raster, zoom: usize) -> Canvas {
@@ -176,7 +183,7 @@ mod tests {
         map.raster(side_max).unwrap()
     }
 
-    const NOTES: PictureNotes<'_> = PictureNotes { truth: &[], has_times: true };
+    const NOTES: PictureNotes<'_> = PictureNotes { truth: &[], has_times: true, found_after_s: 0.0 };
 
     fn poses() -> Vec<TimedPose> {
         let pose = |i: i32| TimedPose {
@@ -217,9 +224,12 @@ mod tests {
     }
 
     #[test]
-    fn made_up_times_are_not_told_as_seconds() {
-        assert_eq!([true, false].map(|has_times| duration(&poses(), has_times).unwrap()), ["19 s", "20 scans"]);
-        assert_eq!(duration(&[], true), None);
+    fn times_are_told_from_the_first_scan_and_made_up_ones_not_as_seconds() {
+        let told = |notes: PictureNotes<'_>| times(&poses(), &notes).unwrap();
+        assert_eq!(told(NOTES), ["0", "19 s"]);
+        assert_eq!(told(PictureNotes { found_after_s: 12.4, ..NOTES }), ["found at 12 s", "31 s"]);
+        assert_eq!(told(PictureNotes { has_times: false, ..NOTES }), ["0", "20 scans"]);
+        assert_eq!(times(&[], &NOTES), None);
     }
 
     #[test]

@@ -60,7 +60,7 @@ impl<L: LowLevel> Run<'_, L> {
                 &file,
                 &raster,
                 &trajectory,
-                &PictureNotes { truth: &[], has_times: about.source.has_times() },
+                &PictureNotes { truth: &[], has_times: about.source.has_times(), found_after_s: 0.0 },
             )
             .with_context(|| cannot_write(&file))?;
         }

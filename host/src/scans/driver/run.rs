@@ -214,7 +214,7 @@ impl Run<'_, '_> {
     fn give(&mut self, input: Input<'_>) {
         let now = self.clock.now();
         self.record(|recorder| recorder.input(now, input));
-        let mut acts = Vec::new();
+        let (mut acts, mut faults) = (Vec::new(), Vec::new());
         let (mut done, mut broke) = (false, false);
         let (is_wanted, is_among_many) = (self.search.is_wanted(), self.search.is_among_many());
         let mut found = self.search.is_looking().then(|| self.search.family()).filter(|_| is_wanted);
@@ -228,9 +228,10 @@ impl Run<'_, '_> {
                 done |= matches!(event, Event::Stopped { .. });
                 if let (Event::Found { .. }, Some(family)) = (&event, found.take()) {
                     broke |= sink(now, DriverEvent::Found(family)).is_break();
-                    if let Some(Err(error)) = recorder.as_mut().map(|recorder| recorder.begin(family)) {
-                        broke |= sink(now, DriverEvent::RecordingFailed(&error)).is_break();
-                    }
+                    faults.extend(recorder.as_mut().and_then(|recorder| recorder.begin(family).err()));
+                }
+                if matches!(event, Event::Scan(_)) {
+                    faults.extend(recorder.as_mut().and_then(|recorder| recorder.scan_came().err()));
                 }
                 let is_news = is_wanted && !(is_among_many && is_vain(&event));
                 broke |= is_news && sink(now, DriverEvent::Driver(event)).is_break();
@@ -246,6 +247,7 @@ impl Run<'_, '_> {
         };
         self.done |= done;
         self.broke |= broke;
+        faults.iter().for_each(|error| self.tell(DriverEvent::RecordingFailed(error)));
         self.act(now, acts);
     }
 

@@ -4,6 +4,7 @@
 //! which are counted, and not bytes, which would damage them.
 
 mod replay;
+mod stream;
 mod words;
 
 use std::fmt;
@@ -11,6 +12,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::Duration;
 
 use lrfslam_core::scan::{Beam, RangeScan};
 use lrfslam_core::time::Instant;
@@ -22,6 +24,14 @@ use crate::scans::link::Address;
 use crate::scans::recording::{RecordPlan, Recorder, RecordingEnd, RecordingHeader, RecordingReport};
 use replay::replay;
 use words::Words;
+
+pub use stream::ScanStream;
+
+/// How soon it is noticed that the user wants an end.
+pub(crate) const NOTICED_AFTER: Duration = Duration::from_millis(50);
+
+/// What is told on the way, in words.
+pub type Say = Box<dyn FnMut(&str) + Send>;
 
 /// Where scans come from.
 #[derive(Debug, Clone)]

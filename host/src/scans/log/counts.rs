@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use crate::input::text::FieldFault;
+use crate::plural::count;
 
 /// Damaged lines that are named; the others are counted.
 const NAMED_MAX: usize = 10;
@@ -68,8 +69,7 @@ impl LogCounts {
                 "WARNING: {damaged} of {lines} lines with scans ({:.1} %) are damaged and were left out: what they saw is missing",
                 100.0 * damaged as f64 / lines as f64
             ),
-            1 => "1 damaged line was left out".to_owned(),
-            _ => format!("{damaged} damaged lines were left out"),
+            _ => format!("{} left out", count(damaged, "damaged line")),
         };
         for place in &self.damaged {
             // Writing to a string cannot fail.

@@ -38,7 +38,7 @@ pub enum LogError {
         lines: u64,
     },
     /// What `lrfslam run` recorded: a laser's bytes, not its scans.
-    #[error("{file}: not a log but the recording of a laser: `lrfslam replay` maps it")]
+    #[error("{file}: not a log but the recording of a laser: name its file")]
     Recording {
         /// Name of the file, as given.
         file: String,

@@ -63,7 +63,7 @@ impl Default for LogOptions {
     }
 }
 
-/// One scan of a log.
+/// One scan of a log, or of a laser.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogScan {
     /// Its time on the log's clock.
@@ -76,7 +76,7 @@ pub struct LogScan {
     pub map_from_robot_odometry: Option<Pose2>,
     /// Pose of the laser on the robot, the same for all scans; `None` if nothing tells it.
     pub robot_from_lrf: Option<Pose2>,
-    /// Line of the file, from 1.
+    /// Line of the file, or number of a laser's scan, from 1.
     pub line: u64,
 }
 

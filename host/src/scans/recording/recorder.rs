@@ -59,13 +59,15 @@ enum State {
 
 /// Writes a recording.
 ///
-/// The file is made when a laser is found, so that an older one is not lost for nothing; what was before goes into it too. It
-/// stays open: it may be moved, or get another name.
+/// The file is made when a laser is found; what was before goes into it too. An older one is replaced when the first scan has come, so
+/// that it is not lost for nothing: until then the new one is called FILE.part. It stays open: it may be moved, or get another name.
 #[derive(Debug)]
 pub struct Recorder {
     plan: RecordPlan,
     header: RecordingHeader,
     state: State,
+    /// What the file is called as long as an older one is there.
+    aside: Option<PathBuf>,
     /// Records that are not in the file yet.
     block: Vec<u8>,
     block_since: Option<Instant>,
@@ -87,7 +89,16 @@ impl Recorder {
         anyhow::ensure!(!plan.path.is_dir(), "{name}: cannot be written: it is a folder");
         tempfile::tempfile_in(folder_there(&plan.path)).with_context(|| format!("{name}: cannot be written"))?;
         let (plan, now) = (plan.clone(), Instant::default());
-        Ok(Self { plan, header, state: State::Waiting, block: Vec::new(), block_since: None, now, bytes: 0 })
+        Ok(Self {
+            plan,
+            header,
+            state: State::Waiting,
+            aside: None,
+            block: Vec::new(),
+            block_since: None,
+            now,
+            bytes: 0,
+        })
     }
 
     /// A laser of `family` was found: the recording begins with what waits.
@@ -110,12 +121,35 @@ impl Recorder {
         let text = toml::to_string(&self.header).map_err(io::Error::other)?;
         let head = [&MAGIC[..], &(text.len() as u32).to_le_bytes(), text.as_bytes()].concat();
         self.plan.path.parent().map_or(Ok(()), fs::create_dir_all)?;
+        let is_there = self.plan.overwrite && self.plan.path.exists();
+        self.aside = is_there.then(|| with_part(&self.plan.path));
+        let path = self.aside.as_ref().unwrap_or(&self.plan.path);
         let mut options = OpenOptions::new();
         options.write(true).create(true).truncate(true).create_new(!self.plan.overwrite);
-        let mut file = options.open(&self.plan.path)?;
+        let mut file = options.open(path)?;
         file.write_all(&head)?;
         self.bytes = head.len() as u64;
         Ok(file)
+    }
+
+    /// A scan has come: what was recorded takes the place of an older file.
+    ///
+    /// # Errors
+    /// If it cannot; there is no more recording then.
+    pub fn scan_came(&mut self) -> io::Result<()> {
+        match self.aside.take() {
+            Some(aside) if matches!(self.state, State::Writing(_)) => {
+                let replaced = fs::rename(&aside, &self.plan.path);
+                replaced.or_else(|error| {
+                    self.aside = Some(aside);
+                    self.end_with(error)
+                })
+            }
+            aside => {
+                self.aside = aside;
+                Ok(())
+            }
+        }
     }
 
     /// Forgets what waits: no laser was found with it.
@@ -214,11 +248,12 @@ impl Recorder {
     /// # Errors
     /// If the file cannot be written.
     pub fn finish(&mut self) -> io::Result<()> {
-        self.close()?;
+        let closed = self.close();
         if let State::Writing(_) = self.state {
-            self.state = State::Ended(None);
+            self.state = State::Ended(self.aside.as_ref().map(|_| "no scan came: the older file stays".to_owned()));
         }
-        Ok(())
+        self.aside.take().map_or(Ok(()), fs::remove_file)?;
+        closed
     }
 
     /// What became of it; `None` if no laser was found.
@@ -236,6 +271,13 @@ impl Recorder {
 fn folder_there(path: &Path) -> &Path {
     let whole = path.ancestors().skip(1).find(|folder| folder.exists());
     whole.unwrap_or(Path::new("."))
+}
+
+/// `FILE` → `FILE.part`.
+fn with_part(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".part");
+    name.into()
 }
 
 fn push(block: &mut Vec<u8>, kind: u8, now: Instant, payload: &[u8]) {
@@ -257,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn an_older_file_stays_until_a_laser_is_found_and_longer_unless_it_may_go() {
+    fn an_older_file_stays_until_a_scan_has_come_and_longer_unless_it_may_go() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("laser.rec");
         fs::write(&path, "precious").unwrap();
@@ -268,8 +310,22 @@ mod tests {
         recorder.input(Instant::default(), Input::Connected).unwrap();
         recorder.finish().unwrap();
         assert_eq!((fs::read(&path).unwrap(), recorder.report()), (b"precious".to_vec(), None));
-        recorder.begin(LrfFamily::Ld06).unwrap();
+        let begun = || {
+            let mut recorder = Recorder::new(&plan, header()).unwrap();
+            recorder.begin(LrfFamily::Ld06).unwrap();
+            recorder.input(Instant::default(), Input::Timeout).unwrap();
+            recorder
+        };
+        drop(begun());
+        assert_eq!(fs::read(&path).unwrap(), b"precious", "a program that was killed");
+        let mut recorder = begun();
         recorder.finish().unwrap();
+        assert_eq!(recorder.report().unwrap().fault.unwrap(), "no scan came: the older file stays");
+        assert_eq!((fs::read(&path).unwrap(), fs::read_dir(folder.path()).unwrap().count()), (b"precious".to_vec(), 1));
+        let mut recorder = begun();
+        recorder.scan_came().unwrap();
+        recorder.finish().unwrap();
+        assert_eq!((recorder.report().unwrap().fault, fs::read_dir(folder.path()).unwrap().count()), (None, 1));
         assert_eq!(RecordingReader::open(&path).unwrap().header().lrf.family, LrfFamily::Ld06);
     }
 

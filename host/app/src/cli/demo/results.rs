@@ -7,17 +7,18 @@ use std::io::{self, Write as _};
 use std::path::Path;
 
 use crate::cli::demo::DemoArgs;
+use crate::config::RunConfig;
 use anyhow::{Context as _, Result};
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::time::Duration;
 use lrfslam_firmware_sim::world::{Vector, World};
-use lrfslam_host::config::RunConfig;
 use lrfslam_host::maps::cloud::{
     Cloud, CloudPoint, EdgeFilter, Paint, Projection, TiltMounting, Track, planar, thin, write_pcd, write_ply,
 };
 use lrfslam_host::maps::occupancy::OccupancyMap;
 use lrfslam_host::maps::picture::{CloudView, PictureNotes, cloud_png, write_picture};
 use lrfslam_host::output::{PendingFile, write_file};
+use lrfslam_host::plural::count;
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::results::report::Source;
 use lrfslam_host::trajectory::{TimedPose, by_time, read_trajectory};
@@ -133,7 +134,7 @@ fn write_path_picture(
         map.insert(&scan.scan(), pose.map_from_robot * robot.robot_from_lrf());
     }
     let Some(raster) = map.raster(config.map.picture_px) else { return Ok(()) };
-    let notes = PictureNotes { truth, has_times: true };
+    let notes = PictureNotes { truth, has_times: true, found_after_s: 0.0 };
     write_picture(file, &raster, path, &notes).with_context(|| cannot_write(file))
 }
 
@@ -221,11 +222,7 @@ fn table(args: &DemoArgs, errors: &Errors, cloud: &Cloud, judged: usize, drive: 
 }
 
 fn loops(drive: &DriveRecord) -> String {
-    match drive.report.high.map_or(0, |high| high.closures) {
-        0 => "no loop closed".to_owned(),
-        1 => "1 loop closed".to_owned(),
-        count => format!("{count} loops closed"),
-    }
+    format!("{} closed", count(drive.report.high.map_or(0, |high| high.closures), "loop"))
 }
 
 #[cfg(test)]

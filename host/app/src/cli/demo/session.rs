@@ -5,13 +5,17 @@ use std::path::Path;
 
 use crate::cli::Failure;
 use crate::cli::demo::DemoArgs;
+use crate::config::About;
+use crate::config::RunConfig;
+use crate::config::RunReport;
 use anyhow::{Result, anyhow};
 use lrfslam_core::scan::{Beam, RangeScan};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_host::output::ResultFolder;
+use lrfslam_host::plural::count;
 use lrfslam_host::pose_f64::PoseF64;
-use lrfslam_host::results::report::{Ending, LaserCounts, RunReport, Source};
-use lrfslam_host::runs::map::{About, MapRun};
+use lrfslam_host::results::report::{Ending, LaserCounts, Source};
+use lrfslam_host::runs::map::MapRun;
 use lrfslam_host::scans::live::{Item, SourceReport};
 
 use super::robot::SimulatedRobot;
@@ -55,6 +59,7 @@ pub struct DriveRecord {
 pub struct Session<'a, 'm> {
     args: &'a DemoArgs,
     robot: &'a SimulatedRobot,
+    config: RunConfig,
     map: MapRun<'m>,
     level: Vec<KeptScan>,
     tilted: Vec<KeptScan>,
@@ -66,10 +71,11 @@ pub struct Session<'a, 'm> {
 
 impl<'a, 'm> Session<'a, 'm> {
     /// Nothing has come yet.
-    pub fn new(map: MapRun<'m>, robot: &'a SimulatedRobot, args: &'a DemoArgs) -> Self {
+    pub fn new((config, map): (&RunConfig, MapRun<'m>), robot: &'a SimulatedRobot, args: &'a DemoArgs) -> Self {
         let (level, tilted) = (Vec::new(), Vec::new());
         let world_from_map = PoseF64::default();
-        Self { args, robot, map, level, tilted, world_from_map, next_line: Instant::default(), fault: None }
+        let next_line = Instant::default();
+        Self { args, robot, config: *config, map, level, tilted, world_from_map, next_line, fault: None }
     }
 
     /// Takes what the laser's thread delivers.
@@ -141,10 +147,11 @@ impl<'a, 'm> Session<'a, 'm> {
         };
         let (scans, tilted) = (self.level.len(), self.tilted.len());
         self.say(&format!(
-            "{:5.0} s  at {:5.1} {:5.1} m  {scans} scans mapped, {tilted} tilted; {now}",
+            "{:5.0} s  at {:5.1} {:5.1} m  {} mapped, {tilted} tilted; {now}",
             driven.as_secs_f64(),
             truth.x,
-            truth.y
+            truth.y,
+            count(scans as u64, "scan")
         ));
     }
 
@@ -154,7 +161,7 @@ impl<'a, 'm> Session<'a, 'm> {
 
     /// Writes the mapper's results into `folder`.
     pub fn finish(mut self, report: &SourceReport, folder: &Path) -> Result<DriveRecord> {
-        let report = self.map.write_into(folder, &about(report, Ending::Complete, None))?;
+        let report = self.map.write_into(folder, &about(&self.config, report, Ending::Complete, None))?;
         Ok(DriveRecord { level: self.level, tilted: self.tilted, report })
     }
 
@@ -162,11 +169,15 @@ impl<'a, 'm> Session<'a, 'm> {
     pub fn leave(mut self, report: &SourceReport, folder: &mut ResultFolder) -> Failure {
         let fault = self.fault.take();
         let ending = if fault.is_some() { Ending::Failed } else { Ending::Interrupted };
-        let about = about(report, ending, fault.as_ref());
+        let about = about(&self.config, report, ending, fault.as_ref());
         let notice = match self.level.len() {
             0 => "no scan came: no results were written".to_owned(),
             scans => match folder.save(|stage| self.map.write_into(stage, &about)) {
-                Ok(_) => format!("stopped after {scans} scans; partial results are in {}", folder.named().display()),
+                Ok(_) => format!(
+                    "stopped after {}; partial results are in {}",
+                    count(scans as u64, "scan"),
+                    folder.named().display()
+                ),
                 Err(error) => return Failure::Work(error),
             },
         };
@@ -177,7 +188,7 @@ impl<'a, 'm> Session<'a, 'm> {
     }
 }
 
-fn about(report: &SourceReport, ending: Ending, fault: Option<&anyhow::Error>) -> About {
+fn about(config: &RunConfig, report: &SourceReport, ending: Ending, fault: Option<&anyhow::Error>) -> About {
     let laser = LaserCounts {
         damaged: report.counters.damaged,
         restarts: report.counters.restarts,
@@ -185,5 +196,5 @@ fn about(report: &SourceReport, ending: Ending, fault: Option<&anyhow::Error>) -
         too_fast: 0,
     };
     let source = Source::Laser { port: "simulated".to_owned(), laser, recording: None };
-    About { source, odometry: false, ending, fault: fault.map(|fault| format!("{fault:#}")) }
+    About { config: *config, source, odometry: false, ending, fault: fault.map(|fault| format!("{fault:#}")) }
 }

@@ -8,11 +8,11 @@ use std::sync::atomic::Ordering;
 
 use super::{DemoArgs, results};
 use crate::cli::{Failure, interrupt_flag};
+use crate::config::RunConfig;
+use crate::config::RunReport;
 use anyhow::anyhow;
 use lrfslam_firmware_sim::scenario::Scenario;
-use lrfslam_host::config::RunConfig;
 use lrfslam_host::output::ResultFolder;
-use lrfslam_host::results::report::RunReport;
 use lrfslam_host::runs::map::{MapRun, RunMemory};
 use lrfslam_host::scans::live::{ScanSource, for_each_scan};
 
@@ -28,8 +28,9 @@ pub(in crate::cli) fn run(args: &DemoArgs) -> Result<String, Failure> {
         return Err(Failure::Start(error));
     }
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut memory = RunMemory::new(&config, threads);
-    let map = MapRun::new(&config, args.seed.seed, &mut memory).map_err(Failure::Start)?;
+    let mapping = config.mapping();
+    let mut memory = RunMemory::new(&mapping, threads);
+    let map = MapRun::new(&mapping, args.seed.seed, &mut memory).map_err(Failure::Start)?;
     let folder = args.out.folder("demo")?;
     let (report, text) = show(args, &config, scenario, (map, folder))?;
     args.tell.choose(&report, || text)
@@ -44,7 +45,7 @@ fn show(
     let stop = interrupt_flag().map_err(Failure::Start)?;
     let robot = SimulatedRobot::start(scenario, args).map_err(Failure::Work)?;
     let source = ScanSource::Live(robot.laser(args));
-    let mut session = Session::new(map, &robot, args);
+    let mut session = Session::new((config, map), &robot, args);
     let done = for_each_scan(&source, stop, &mut |item| session.take(item));
     robot.switch_off().map_err(Failure::Work)?;
     let done = done.map_err(Failure::Work)?;

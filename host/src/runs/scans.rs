@@ -1,0 +1,233 @@
+//! Scans, one after the other, wherever they come from: a log, a recording of a laser, or a laser now. **Where scans are opened.**
+//!
+//! Its content tells what a file is. A folder stands for the recording in it, `-` for a log from the standard input.
+
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+
+use anyhow::anyhow;
+
+use crate::input::text::ByteCount;
+use crate::output::RECORDING;
+use crate::results::report::{Input, LaserCounts, RecordingCounts, Source};
+use crate::scans::live::{LiveLaser, NOTICED_AFTER, Say, ScanSource, ScanStream, SourceReport};
+use crate::scans::log::{LogError, LogOptions, LogReader, LogScan};
+use crate::scans::recording::RecordingReader;
+
+/// Iterator over scans; see the [module](self). An error is the last thing handed out.
+pub struct Scans {
+    name: String,
+    stop: &'static AtomicBool,
+    origin: Origin,
+}
+
+enum Origin {
+    Log { reader: Box<LogReader>, is_piped: bool, is_over: bool },
+    Laser { stream: Box<ScanStream>, file: Option<PathBuf>, report: Option<SourceReport> },
+}
+
+/// A log from the standard input.
+pub fn is_stdin(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+/// All scans of the log or recording at `path`.
+///
+/// # Errors
+/// If it cannot be read to its end.
+pub fn read_scans(path: &Path, options: LogOptions) -> anyhow::Result<Vec<LogScan>> {
+    static NEVER: AtomicBool = AtomicBool::new(false);
+    Scans::open(path, options, &NEVER, Box::new(|_| {}))?.collect()
+}
+
+impl Scans {
+    /// The scans of a log or recording, as fast as they are taken.
+    ///
+    /// * `stop` — ends it early
+    ///
+    /// # Errors
+    /// If there is none, or no scan of a log can be read.
+    pub fn open(path: &Path, options: LogOptions, stop: &'static AtomicBool, say: Say) -> anyhow::Result<Self> {
+        let is_piped = is_stdin(path);
+        let recorded = path.join(RECORDING);
+        if path.is_dir() && recorded.is_file() {
+            return Self::replay(&recorded, true, stop, say);
+        }
+        let reader = if is_piped {
+            LogReader::from_reader("-", Piped::new(io::stdin(), stop), options)
+        } else {
+            LogReader::open(path, options)
+        };
+        match reader {
+            Err(LogError::Recording { .. }) if !is_piped => Self::replay(path, true, stop, say),
+            Err(error) => Err(error.into()),
+            Ok(reader) => {
+                let origin = Origin::Log { reader: Box::new(reader), is_piped, is_over: false };
+                Ok(Self { name: path.display().to_string(), stop, origin })
+            }
+        }
+    }
+
+    /// Those of a recording; if not `fast`, they come when they came.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn replay(path: &Path, fast: bool, stop: &'static AtomicBool, say: Say) -> anyhow::Result<Self> {
+        RecordingReader::open(path)?;
+        let source = ScanSource::Recording { path: path.to_owned(), fast };
+        let (stream, file) = (Box::new(ScanStream::new(source, stop, say)), Some(path.to_owned()));
+        Ok(Self { name: path.display().to_string(), stop, origin: Origin::Laser { stream, file, report: None } })
+    }
+
+    /// Those of a laser, from now on.
+    pub fn live(laser: LiveLaser, stop: &'static AtomicBool, say: Say) -> Self {
+        let name = laser.address.to_string();
+        let stream = Box::new(ScanStream::new(ScanSource::Live(laser), stop, say));
+        Self { name, stop, origin: Origin::Laser { stream, file: None, report: None } }
+    }
+
+    /// They were read by lines; otherwise by a laser's driver.
+    pub fn is_log(&self) -> bool {
+        matches!(self.origin, Origin::Log { .. })
+    }
+
+    /// They are taken now, and have no end of their own.
+    pub fn is_live(&self) -> bool {
+        matches!(self.origin, Origin::Laser { file: None, .. })
+    }
+
+    /// The recording that they are read from.
+    pub fn recording(&self) -> Option<&Path> {
+        match &self.origin {
+            Origin::Laser { file, .. } => file.as_deref(),
+            Origin::Log { .. } => None,
+        }
+    }
+
+    /// Size of a log, 0 if it is not known, and how many bytes of it were read, to watch; nothing for a laser.
+    pub fn progress(&self) -> Option<(u64, ByteCount)> {
+        match &self.origin {
+            Origin::Log { reader, .. } => Some((reader.size_bytes(), reader.bytes_read())),
+            Origin::Laser { .. } => None,
+        }
+    }
+
+    /// All scans that there were have been handed out; never those of a laser.
+    pub fn is_at_end(&self) -> bool {
+        match &self.origin {
+            Origin::Log { is_over, .. } => *is_over,
+            Origin::Laser { report, .. } => report.as_ref().is_some_and(|report| report.input.is_some()),
+        }
+    }
+
+    /// Nothing more is wanted: a laser is stopped.
+    pub fn end(&mut self) {
+        // Its faults are told by the scan that does not come.
+        let _ = self.stop_laser();
+    }
+
+    fn stop_laser(&mut self) -> anyhow::Result<()> {
+        let Origin::Laser { stream, report, .. } = &mut self.origin else { return Ok(()) };
+        let Some(ended) = stream.end() else { return Ok(()) };
+        let ended = report.insert(ended?);
+        ended.input_fault().map_or(Ok(()), |fault| Err(anyhow!("{}: {fault}", self.name)))
+    }
+
+    /// What they were, so far; of a log, the rest is read too if nothing more is wanted.
+    pub fn source(&mut self, is_over: bool) -> Source {
+        let name = self.name.clone();
+        match &mut self.origin {
+            Origin::Log { reader, .. } => {
+                let sha256 = is_over.then(|| reader.sha256());
+                let input = Input { name, sha256, bytes: reader.bytes_read().get(), format: reader.format() };
+                Source::Log { input, log: reader.counts(), range_max_m: reader.range_max_m() }
+            }
+            Origin::Laser { report, .. } => {
+                let SourceReport { counters, overrun, recording, .. } = report.clone().unwrap_or_default();
+                let (damaged, restarts) = (counters.damaged, counters.restarts);
+                let laser = LaserCounts { damaged, restarts, overrun, too_fast: 0 };
+                Source::Laser { port: name, laser, recording: recording.as_ref().map(RecordingCounts::from) }
+            }
+        }
+    }
+}
+
+impl Iterator for Scans {
+    type Item = anyhow::Result<LogScan>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        match &mut self.origin {
+            Origin::Log { reader, is_piped, is_over } => {
+                let is_stopped = || self.stop.load(Ordering::Relaxed);
+                // What came through a pipe before it was stopped is used.
+                if *is_over || is_stopped() && !*is_piped {
+                    return None;
+                }
+                let next = reader.next();
+                *is_over = next.is_none();
+                let next = next.filter(|next| next.is_ok() || !(*is_piped && is_stopped()));
+                next.map(|next| next.map_err(anyhow::Error::new))
+            }
+            Origin::Laser { stream, .. } => match stream.next() {
+                Some(scan) => Some(Ok(scan)),
+                None => self.stop_laser().err().map(Err),
+            },
+        }
+    }
+}
+
+/// The standard input, read by a thread of its own: who waits for it notices that the user wants an end.
+struct Piped {
+    blocks: Receiver<io::Result<Vec<u8>>>,
+    block: Vec<u8>,
+    taken: usize,
+    stop: &'static AtomicBool,
+}
+
+impl Piped {
+    fn new(mut input: impl Read + Send + 'static, stop: &'static AtomicBool) -> Self {
+        let (sender, blocks) = sync_channel(0);
+        // It is left behind where it waits when the program ends.
+        std::thread::spawn(move || {
+            loop {
+                let mut block = vec![0; 1 << 16];
+                let read = input.read(&mut block);
+                let is_last = !matches!(read, Ok(1..));
+                let read = read.map(|length| {
+                    block.truncate(length);
+                    block
+                });
+                if sender.send(read).is_err() || is_last {
+                    break;
+                }
+            }
+        });
+        Self { blocks, block: Vec::new(), taken: 0, stop }
+    }
+
+    fn next_block(&self) -> io::Result<Vec<u8>> {
+        loop {
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(io::Error::other("stopped"));
+            }
+            match self.blocks.recv_timeout(NOTICED_AFTER) {
+                Ok(block) => return block,
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Ok(Vec::new()),
+            }
+        }
+    }
+}
+
+impl Read for Piped {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.taken == self.block.len() {
+            (self.block, self.taken) = (self.next_block()?, 0);
+        }
+        let count = (&self.block[self.taken..]).read(buffer)?;
+        self.taken += count;
+        Ok(count)
+    }
+}
