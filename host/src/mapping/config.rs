@@ -5,7 +5,7 @@ use lrfslam_core::perception::PerceptionConfig;
 use lrfslam_core::slam::SlamConfig;
 
 use super::high::{HighConfig, HighConfigs, HighParticlesConfig, SegmentConfig};
-use super::memory::MemoryConfig;
+use super::memory::{MapperMemory, MemoryConfig};
 use crate::maps::occupancy::MapConfig;
 use crate::places::ClosureConfig;
 
@@ -52,6 +52,14 @@ pub struct MappingConfig {
 }
 
 impl MappingConfig {
+    /// The memory of a mapper: as much as this says. `threads` share the work, at least one; results do not depend on them.
+    pub fn mapper_memory(&self, threads: usize) -> MapperMemory {
+        match self.hierarchy.levels {
+            0 => MapperMemory::of_matching(&self.slam, &self.memory),
+            _ => MapperMemory::of_particles(&self.slam, &self.memory, threads),
+        }
+    }
+
     /// The part that the high level works with.
     pub fn high_slam(&self) -> HighConfigs {
         HighConfigs { high: self.high, segment: self.segment, closure: self.closure, ndt: self.slam.ndt }

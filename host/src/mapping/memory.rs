@@ -11,8 +11,6 @@ use lrfslam_core::particles::{Particle, Sample};
 use lrfslam_core::rays::Ray;
 use lrfslam_core::slam::SlamConfig;
 
-use super::config::MappingConfig;
-
 lrfslam_core::config! {
     /// Memory, fixed from the start.
     pub struct MemoryConfig {
@@ -36,7 +34,7 @@ pub(crate) const SIDE: usize = 16;
 /// Table of one thread's [`Window`](lrfslam_core::distributed_map::Window).
 pub(crate) type WindowSlots = Vec<TileId>;
 
-/// The memory that a [`Mapper`](super::Mapper) works in.
+/// The memory that a [`Mapper`](super::mapper::Mapper) works in.
 #[derive(Debug)]
 pub struct MapperMemory {
     pub(super) odometry: MatcherPools,
@@ -44,11 +42,10 @@ pub struct MapperMemory {
 }
 
 impl MapperMemory {
-    /// As much as `config` says; it does not grow. `threads` share the work, at least one; results do not depend on them.
-    pub fn new(config: &MappingConfig, threads: usize) -> Self {
-        let pools = || ParticlePools::new(&config.slam.low_slam(), &config.memory, threads);
-        let particles = (config.hierarchy.levels > 0).then(pools);
-        Self { odometry: MatcherPools::new(&config.slam, &config.memory), particles }
+    /// That of matching and particles; it does not grow. `threads` share the work, at least one; results do not depend on them.
+    pub fn of_particles(slam: &SlamConfig, memory: &MemoryConfig, threads: usize) -> Self {
+        let particles = ParticlePools::new(&slam.low_slam(), memory, threads);
+        Self { odometry: MatcherPools::new(slam, memory), particles: Some(particles) }
     }
 
     /// That of matching alone.

@@ -56,7 +56,7 @@ impl RunMemory {
     /// As much as `config` says. `threads` share the work, at least one; results do not depend on them.
     pub fn new(config: &MappingConfig, threads: usize) -> Self {
         let high = config.high_particles().map(|filter| ParticlePools::new(&filter, &config.memory, threads));
-        Self { mapper: MapperMemory::new(config, threads), high }
+        Self { mapper: config.mapper_memory(threads), high }
     }
 }
 

@@ -6,7 +6,6 @@ use anyhow::{Context as _, ensure};
 use lrfslam_app::config::RunConfig;
 use lrfslam_core::geometry::Point2;
 use lrfslam_core::geometry::Pose2;
-use lrfslam_host::mapping::MapperMemory;
 use lrfslam_host::mapping::mapper::Mapper;
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::read_trajectory;
@@ -61,7 +60,7 @@ impl std::fmt::Display for MapError {
 }
 
 fn on_this_computer(scans: &[LogScan], config: &RunConfig) -> anyhow::Result<Vec<Pose2>> {
-    let mut memory = MapperMemory::new(&config.mapping(), 1);
+    let mut memory = config.mapping().mapper_memory(1);
     let mut mapper = Mapper::new(&config.slam(), 1, &mut memory)?;
     let robot_from_lrf = mounting(scans);
     let pose = |scan: &LogScan| Ok(mapper.add_scan(&scan.scan(), robot_from_lrf, None)?.0.map_from_robot);

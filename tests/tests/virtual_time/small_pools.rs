@@ -9,7 +9,6 @@ use lrfslam_core::laser_odometry::OdometryMemory;
 use lrfslam_core::low_slam::SmallPools;
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::slam::{Slam, SlamConfig, SlamMemory};
-use lrfslam_host::mapping::MapperMemory;
 use lrfslam_host::mapping::mapper::Mapper;
 use lrfslam_host::scans::log::{LogOptions, LogReader, LogScan};
 use lrfslam_tests::data;
@@ -58,7 +57,7 @@ fn by_small_pools(scans: &[LogScan]) -> (Vec<Pose2>, usize, u64) {
 fn by_a_computer(scans: &[LogScan]) -> Vec<Pose2> {
     let mut config = RunConfig::default();
     config.hierarchy.levels = 1;
-    let mut memory = MapperMemory::new(&config.mapping(), 1);
+    let mut memory = config.mapping().mapper_memory(1);
     let mut mapper = Mapper::new(&config.slam(), 1, &mut memory).expect("memory fits");
     let pose = |scan: &LogScan| {
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or(Pose2::IDENTITY);

@@ -10,7 +10,6 @@ use lrfslam_core::time::Duration;
 use super::shared::{ConfigArgs, LOG, RELATIONS, SeedArgs, TRUTH};
 use super::{Failure, print};
 use crate::config::RunConfig;
-use lrfslam_host::mapping::MapperMemory;
 use lrfslam_host::mapping::mapper::Mapper;
 use lrfslam_host::output::write_file;
 use lrfslam_host::runs::scans::read_scans;
@@ -93,7 +92,7 @@ struct Matched {
 }
 
 fn match_scans(scans: &[LogScan], seed: u64, config: &RunConfig) -> anyhow::Result<Matched> {
-    let mut memory = MapperMemory::new(&config.mapping(), 1);
+    let mut memory = config.mapping().mapper_memory(1);
     let mut mapper = Mapper::new(&config.slam(), seed, &mut memory)?;
     let mut matched = Matched { path: Vec::new(), steps: Vec::new(), predictions: Vec::new() };
     let (mut steps, mut map_from_step) = (0, Pose2::IDENTITY);
