@@ -27,6 +27,8 @@ pub mod occupancy_map;
 pub mod output;
 pub mod picture;
 pub mod pose_f64;
+#[cfg(feature = "experiments")]
+pub mod prove;
 pub mod recording;
 pub mod robot;
 pub mod run_report;

@@ -9,8 +9,8 @@ use lrfslam_core::time::Duration;
 use super::shared::{JsonArgs, RELATIONS, TRUTH};
 use super::{Failure, print};
 use crate::evaluation::{
-    RelationReport, Standing, Statistics, StretchReport, TruthReport, Turn, evaluate_in_frame, evaluate_relations,
-    evaluate_stretches, evaluate_truth, read_relations,
+    OwnNoise, RelationReport, Standing, Statistics, StretchReport, TruthReport, Turn, evaluate_in_frame,
+    evaluate_relations, evaluate_stretches, evaluate_truth, read_relations,
 };
 use crate::log::{LogOptions, LogReader, LogScan};
 use crate::trajectory::{TimedPose, read_trajectory, with_poses};
@@ -127,6 +127,12 @@ fn relation_table(report: &RelationReport) -> String {
     let _ = writeln!(text, "{:.2} % above 0.10 m", 100.0 * report.share_above_10_cm);
     let (from, to) = report.worst_at_s;
     let _ = writeln!(text, "worst: {from:.6} to {to:.6} s");
+    if let Some(OwnNoise { triangles, translation_m, rotation_deg }) = &report.own_noise {
+        let _ = writeln!(
+            text,
+            "the relations themselves err by {translation_m:.4} m and {rotation_deg:.2}°, as {triangles} triangles of them tell"
+        );
+    }
     text
 }
 

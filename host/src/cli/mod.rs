@@ -28,6 +28,11 @@ mod man;
 mod map;
 mod out;
 mod particles;
+#[cfg(feature = "experiments")]
+mod prove;
+#[cfg(not(feature = "experiments"))]
+#[path = "no_prove.rs"]
+mod prove;
 mod replay;
 mod run;
 mod shared;
@@ -71,6 +76,7 @@ enum Command {
     )]
     Demo(demo::DemoArgs),
     Experiment(experiment::ExperimentArgs),
+    Prove(prove::ProveArgs),
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
 }
@@ -147,6 +153,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>, show: &Show) -> ExitCode {
         Command::Config(args) => config::run(args),
         Command::Demo(args) => show(args).and_then(|text| print(&text)),
         Command::Experiment(args) => experiment::run(args),
+        Command::Prove(args) => prove::run(args),
         Command::Completions(args) => completions::run(args),
         Command::Man(args) => man::run(args),
     };
