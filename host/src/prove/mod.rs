@@ -39,14 +39,14 @@ pub struct Choice {
 }
 
 impl Choice {
-    /// How many seeds `row` is to have; none if it is not chosen.
+    /// How many seeds `row` is to have; none if it is not chosen, one if they would all be the same.
     fn seeds(&self, row: &Row) -> u64 {
         let is_named = self.only.is_empty() || self.only.contains(&row.id);
-        match (is_named && (row.quick || !self.is_quick), self.is_quick) {
-            (false, _) => 0,
-            (true, false) => self.seeds.unwrap_or(row.seeds),
-            (true, true) => self.seeds.unwrap_or(row.seeds.min(QUICK_SEEDS)),
+        if !is_named || (self.is_quick && !row.quick) {
+            return 0;
         }
+        let seeds = if self.is_quick { row.seeds.min(QUICK_SEEDS) } else { row.seeds };
+        if row.takes_seed() { self.seeds.unwrap_or(seeds) } else { 1 }
     }
 }
 
@@ -127,5 +127,23 @@ impl<'a> Proof<'a> {
             write_file(&path, bytes.as_bytes()).with_context(|| format!("{}: cannot be written", path.display()))?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn choice_says_how_many_seeds_a_row_gets() {
+        let plan = Plan::built_in().unwrap();
+        let row = |id: &str| plan.rows().find(|(_, row)| row.id == id).unwrap().1.clone();
+        let (floor, intel, sweep) = (row("floor"), row("intel"), row("lrf-noise-loop"));
+        let of = |choice: &Choice| [choice.seeds(&floor), choice.seeds(&intel), choice.seeds(&sweep)];
+        assert_eq!(of(&Choice::default()), [5, 5, 1]);
+        assert_eq!(of(&Choice { seeds: Some(7), ..Choice::default() }), [7, 7, 1], "a sweep has seeds of its own");
+        assert_eq!(of(&Choice { is_quick: true, ..Choice::default() }), [2, 0, 0]);
+        assert_eq!(of(&Choice { is_quick: true, seeds: Some(1), ..Choice::default() }), [1, 0, 0]);
+        assert_eq!(of(&Choice { only: vec!["intel".to_owned()], ..Choice::default() }), [0, 5, 0]);
     }
 }

@@ -186,7 +186,7 @@ mod tests {
         let (group, row) = plan.rows().next().unwrap();
         let mut results = Results::default();
         results.make_room(&row.id, &Origin::here().of_row(&plan, group, row), false);
-        let figures = BTreeMap::from([("RMSE, m".to_owned(), Some(0.1 + 0.2)), ("none".to_owned(), None)]);
+        let figures = BTreeMap::from([("RMSE, m".to_owned(), Some(0.123457)), ("none".to_owned(), None)]);
         results.add(&row.id, 3, Outcome { figures, text: "words".into() });
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("measured.json");

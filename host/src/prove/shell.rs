@@ -17,6 +17,8 @@ use super::results::Outcome;
 
 /// Ticks of `/proc` in a second, on every Linux.
 const TICKS_PER_S: f64 = 100.0;
+/// Figures are kept to six decimals: what is written so is read as it was.
+const DECIMALS: f64 = 1e6;
 /// How a script says that what it needs is not there.
 const NOT_HERE: i32 = 77;
 
@@ -167,7 +169,7 @@ fn figures(columns: &[Column], said: &[Said], run: &str) -> BTreeMap<String, Opt
             Source::Run(RunFigure::Speed) => run.pointer("/cost/driven_s")?.as_f64()? / cpu_s,
             Source::Run(RunFigure::CpuMs) => 1e3 * cpu_s / run.pointer("/cost/scans")?.as_f64()?,
         };
-        Some(value * column.scale).filter(|value| value.is_finite())
+        Some((value * column.scale * DECIMALS).round() / DECIMALS).filter(|value| value.is_finite())
     };
     columns.iter().map(|column| (column.title.clone(), value(column))).collect()
 }
