@@ -1,6 +1,6 @@
 //! Every published figure, repeated: what is promised is what these commands give.
 //!
-//! `rows.toml` ([`Plan`]) → [`Shell`] (each row's commands, seed after seed) → [`Results`] (`measured.json`, after every seed) → [`page`] (`measured.md`).
+//! `rows.toml` ([`Plan`]) → [`Shell`] (each row's commands, seed after seed) → [`Results`] (`measured.json`, after every seed) → [`page()`] (`measured.md`).
 //!
 //! A row is commands that anyone can type, of this program and of those beside it: nothing of the library is called from here. What
 //! is measured stays when a run is stopped, and is left alone by the next one as long as program, configuration and row are the same.
