@@ -6,9 +6,9 @@
 //!
 //! # Layers
 //! A module uses only what stands to its left:
-//! `math, config | geometry | grid, sweep | filter, ndt, de | matcher | laser_odometry`, and
+//! `math, random, config | geometry | grid, sweep | filter, ndt, de | matcher | laser_odometry`, and
 //! `math, random, config | geometry | chords, ancestry | rays, motion | distributed_map, particles | perception | low_slam`;
-//! `slam` joins the two. [`scan`] and [`time`] are those of `lrfslam-scan`, which laser drivers share.
+//! `slam` joins the two: [`Slam::new`](slam::Slam::new) takes a [`SlamConfig`](slam::SlamConfig), a seed and memory. [`scan`] and [`time`] are those of `lrfslam-scan`, which laser drivers share.
 //!
 //! # Data flow
 //! [`RangeScan`](scan::RangeScan) (polar) → [`filter`] → points → [`ScanMatcher`](matcher::ScanMatcher) against an

@@ -338,4 +338,23 @@ fn no_tile_leaks_over_a_hundred_thousand_generations() {
     assert!(seen <= 14 * 14, "{seen} tiles for a place of 14 × 14");
 }
 
+/// So a robot with little memory and a computer weigh particles to the same bits.
+#[test]
+fn positions_in_windows_and_tiles_of_other_sizes_differ_by_whole_squares() {
+    let mut memory = Memory::new(4, 8);
+    let (tree, map, mut window) = memory.lend();
+    let mut rng = RandomStream::new(11, 0, 0);
+    for _ in 0..2000 {
+        let mut draw = || 40.0 * uniform(&mut rng) - 20.0;
+        let point = Point2::new(draw(), draw());
+        let mut fractions = |side| {
+            window.open(&map, &tree, WindowFrame::around(point, point, side, 0.4), NodeId::ROOT);
+            let positions = [window.to_squares::<4>(point, 0.1), window.to_squares::<16>(point, 0.1)];
+            positions.map(|Point2 { x, y }| [x - libm::floorf(x), y - libm::floorf(y)].map(f32::to_bits))
+        };
+        let [small, large] = [fractions(4), fractions(64)];
+        assert!(small[0] == small[1] && small == large, "{point:?}: {small:x?} {large:x?}");
+    }
+}
+
 mod printing;

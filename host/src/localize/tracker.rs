@@ -75,7 +75,7 @@ impl<'m> Tracker<'m> {
         self.way_m += way_m(moved);
         self.belief.drift(&self.segment, moved, before.heading);
         if self.way_m >= WITNESS_APART_M {
-            let hits: Vec<Point2> = scan.beams.iter().filter_map(|beam| Point2::of_hit(beam)).collect();
+            let hits: Vec<Point2> = scan.beams.iter().filter_map(Point2::of_hit).collect();
             self.agreement = map.walls().agreement(&hits, map_from_robot * robot_from_lrf);
             let moved_m = std::mem::take(&mut self.way_m).min(1.0);
             self.belief.observe(&self.config, self.agreement, &step.matched.covariance, moved_m);
