@@ -145,10 +145,10 @@ impl OccupancyMap {
         while !rest.is_empty() {
             let (empty, others) = rest.split_at(rest.iter().position(is_hit).unwrap_or(rest.len()));
             let (hits, others) = others.split_at(others.iter().position(|beam| !is_hit(beam)).unwrap_or(others.len()));
-            let gap = Gap { before, after: hits.first().and_then(|beam| Point2::of_hit(beam)) };
+            let gap = Gap { before, after: hits.first().and_then(Point2::of_hit) };
             self.insert_misses(empty, scan.range_max_m, gap, map_from_lrf);
             hits.iter().for_each(|beam| self.insert_hit(beam, map_from_lrf));
-            (before, rest) = (hits.last().and_then(|beam| Point2::of_hit(beam)), others);
+            (before, rest) = (hits.last().and_then(Point2::of_hit), others);
         }
     }
 
