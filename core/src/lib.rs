@@ -7,7 +7,7 @@
 //! # Layers
 //! A module uses only what stands to its left:
 //! `math, config | geometry | grid, sweep | filter, ndt, de | matcher | laser_odometry`, and
-//! `math, random, config | geometry | chords, ancestry | rays, motion | distributed_map, particles | perception | low_slam`;
+//! `math, random, config | geometry | grid, chords, ancestry | rays, motion | distributed_map, particles | perception | low_slam`;
 //! `slam` joins the two. [`scan`] and [`time`] are those of `lrfslam-scan`, which laser drivers share.
 //!
 //! # Data flow

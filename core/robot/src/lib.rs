@@ -31,5 +31,4 @@ pub mod wire;
 pub use config::{LaserConfig, LaserFamily, ReportConfig, RobotConfig};
 pub use program::{
     CompactPools, Input, LargePools, Mapped, Mapping, Misfit, Ports, Robot, RobotMemory, RobotPools, StandardPools,
-    TILE_SIDE,
 };

@@ -50,6 +50,11 @@ pub struct Beam {
     pub echo: Echo,
 }
 
+impl Beam {
+    /// Straight ahead, and nothing measured: for memory that a driver is lent.
+    pub const BLANK: Self = Self { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
+}
+
 /// One sweep: beams in the order in which they were measured, lent by their owner.
 #[derive(Debug, Clone, Copy)]
 pub struct RangeScan<'a> {

@@ -49,17 +49,6 @@ const TILE_BITS: u32 = TILE.trailing_zeros();
 /// A raster has at most so many pixels.
 const RASTER_PIXELS_MAX: u64 = 1 << 26;
 
-/// What is known of a place.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Occupancy {
-    /// Nothing.
-    Unknown,
-    /// Rays pass.
-    Free,
-    /// Rays end.
-    Occupied,
-}
-
 /// Directions are told apart by so many parts of a turn.
 const SECTORS: u32 = u16::BITS;
 
