@@ -1,8 +1,4 @@
-//! Laser SLAM for small robots: what fits on the robot.
-//!
-//! One laser range finder, no odometry. `no_std`, no heap, no `unsafe`, no panic on data; memory is lent by the
-//! caller, time and randomness are arguments. The same input and seed give the same bits on a microcontroller
-//! and on a PC.
+#![doc = include_str!("../README.md")]
 //!
 //! # Layers
 //! A module uses only what stands to its left:
