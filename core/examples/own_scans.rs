@@ -78,13 +78,18 @@ fn range_to([x0, y0, x1, y1]: &[f32; 4], from: Point2, ahead: Point2) -> Option<
     (range_m > 0.0 && (0.0..=1.0).contains(&share)).then_some(range_m)
 }
 
-/// `#` occupied, `.` free.
+/// `#` occupied, `.` free: a letter for 2 × 2 squares of the map.
 fn draw<const SIDE: usize>(slam: &Slam<'_, SIDE>) {
     for row in (-12..23).rev() {
-        let square = |column| match slam.occupancy_at(Point2::new(column as f32 + 0.5, row as f32 + 0.5) * 0.2) {
-            Occupancy::Unknown => ' ',
-            Occupancy::Free => '.',
-            Occupancy::Occupied => '#',
+        let square = |column| {
+            let corner = Point2::new(column as f32, row as f32) * 0.2;
+            let middles = [(0.05, 0.05), (0.15, 0.05), (0.05, 0.15), (0.15, 0.15)];
+            let known = middles.map(|(x, y)| slam.occupancy_at(corner + Point2::new(x, y)));
+            match known.into_iter().max() {
+                Some(Occupancy::Occupied) => '#',
+                Some(Occupancy::Free) => '.',
+                _ => ' ',
+            }
         };
         println!("{}", (-17..35).map(square).collect::<String>());
     }

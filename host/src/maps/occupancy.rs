@@ -13,6 +13,7 @@
 use std::collections::HashMap;
 
 use lrfslam_core::geometry::{Point2, Pose2};
+pub use lrfslam_core::grid::Occupancy;
 use lrfslam_core::grid::{CellIndex, cells_on_ray};
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 
