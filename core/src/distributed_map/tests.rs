@@ -176,6 +176,19 @@ impl<'m> Rig<'m> {
             let copy = particle.map.iter().filter(|(_, square)| **square != Square::UNSEEN);
             assert_eq!(squares.len(), copy.clone().count());
             assert!(copy.clone().all(|(place, square)| squares.get(place) == Some(square)));
+            self.compare_squares(particle);
+        }
+    }
+
+    /// Squares looked up one by one are those of the copy; of places never seen, too.
+    fn compare_squares(&self, particle: &Copying) {
+        let middle = |(column, row): (i32, i32)| Point2::new(column as f32 + 0.5, row as f32 + 0.5);
+        let at = |place| middle(place) * CONFIG.square_size_m;
+        for (place, square) in &particle.map {
+            assert_eq!(self.map.square_at(&self.tree, particle.node, at(*place)), *square);
+            let beside = (place.0, place.1 + 1000);
+            let far = particle.map.get(&beside).copied().unwrap_or_default();
+            assert_eq!(self.map.square_at(&self.tree, particle.node, at(beside)), far);
         }
     }
 
@@ -222,6 +235,25 @@ proptest! {
             rig.generation(10);
             rig.compare_all();
         }
+    }
+}
+
+#[test]
+fn nothing_is_known_of_a_point_that_is_nowhere() {
+    let mut memory = Memory::new(10, 2);
+    let (tree, mut map, mut window) = memory.lend();
+    window.open(
+        &map,
+        &tree,
+        WindowFrame::around(Point2::new(-3.0, -3.0), Point2::new(3.0, 3.0), 16, 1.0),
+        NodeId::ROOT,
+    );
+    let ray = Ray { direction: Point2::new(1.0, 0.0), length_m: 1.0, hit: true };
+    Print::new(&[ray], Pose2::new(0.1, 0.1, 0.0)).run(&mut map, &mut window).unwrap();
+    let at = |x: f32| map.square_at(&tree, NodeId::ROOT, Point2::new(x, 0.1));
+    assert_eq!((at(1.1).hits(), at(0.6).hits(), at(0.6).distance()), (1, 0, 8));
+    for nowhere in [f32::NAN, f32::INFINITY, -1e30, 40_000.0, 1.4, -0.1] {
+        assert_eq!(at(nowhere), Square::UNSEEN, "{nowhere}");
     }
 }
 

@@ -13,6 +13,7 @@
 use std::collections::HashMap;
 
 use lrfslam_core::geometry::{Point2, Pose2};
+pub use lrfslam_core::grid::Occupancy;
 use lrfslam_core::grid::{CellIndex, cells_on_ray};
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 
@@ -48,17 +49,6 @@ const TILE: usize = 64;
 const TILE_BITS: u32 = TILE.trailing_zeros();
 /// A raster has at most so many pixels.
 const RASTER_PIXELS_MAX: u64 = 1 << 26;
-
-/// What is known of a place.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Occupancy {
-    /// Nothing.
-    Unknown,
-    /// Rays pass.
-    Free,
-    /// Rays end.
-    Occupied,
-}
 
 /// Directions are told apart by so many parts of a turn.
 const SECTORS: u32 = u16::BITS;

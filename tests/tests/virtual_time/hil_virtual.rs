@@ -24,8 +24,10 @@ struct Memory {
 
 impl Memory {
     fn new() -> Self {
-        let blank = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
-        Self { bytes: vec![0; hokuyo_scip::driver::FRAME_MEMORY], beams: vec![blank; hokuyo_scip::driver::BEAM_MEMORY] }
+        Self {
+            bytes: vec![0; hokuyo_scip::driver::FRAME_MEMORY],
+            beams: vec![Beam::BLANK; hokuyo_scip::driver::BEAM_MEMORY],
+        }
     }
 
     fn sick(&mut self, config: SickConfig) -> Box<dyn LrfDriver + '_> {
