@@ -2,8 +2,8 @@
 
 use divan::counter::BytesCount;
 use divan::{Bencher, black_box};
-use lrfslam_core::scan::{Beam, Echo};
-use lrfslam_core::time::{Duration, Instant};
+use lrfslam_core::scan::Beam;
+use lrfslam_core::time::Instant;
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};

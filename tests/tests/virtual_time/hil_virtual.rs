@@ -2,7 +2,7 @@
 //!
 //! The long run, 100000 scans a model and fault rate: `cargo test --release -p lrfslam-tests --test virtual_time hil_virtual -- --ignored --nocapture`
 
-use lrfslam_core::scan::{Beam, Echo};
+use lrfslam_core::scan::Beam;
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::scenario::Scenario;

@@ -1,7 +1,6 @@
 //! Bytes recorded from real devices, byte for byte, however they are cut.
 
 use lrfslam_core::scan::{Beam, Echo};
-use lrfslam_core::time::Duration;
 use lrfslam_lrf::hokuyo_scip::scan::read_scan;
 use lrfslam_lrf::hokuyo_scip::{Acquire, Command, Reply, ScipDecoder, SensorParameters, Status};
 use lrfslam_lrf::sick_lms::measurement::{Part, ValueFormat};
