@@ -4,7 +4,7 @@
 //! many scans.
 
 use std::error::Error;
-use std::io::{ErrorKind, Read as _, Write as _};
+use std::io::ErrorKind;
 use std::time::{Duration as Wait, Instant as Clock};
 
 use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};

@@ -26,7 +26,7 @@ fn main() {
     println!("at most {worst_m:.3} m off, {lost} scans lost");
     assert!(worst_m < 0.1 && lost == 0);
     let at = |x: f32, y: f32| start.inverse().transform(Point2::new(x, y));
-    let (way, wall, inside, outside) = (at(2.4, 0.4), at(0.8, 0.2), at(0.0, 0.0), at(0.0, -5.0));
+    let (way, wall, inside, outside) = (at(2.4, 0.4), at(0.84, 0.25), at(0.0, 0.0), at(0.0, -5.0));
     assert!(robot.is_free(way.x, way.y) && !robot.is_free(wall.x, wall.y));
     assert!(robot.is_occupied(wall.x, wall.y) && !robot.is_occupied(way.x, way.y));
     for unknown in [inside, outside] {

@@ -1,6 +1,6 @@
 //! Reads scans of a SICK at a serial port: `read-sick PORT SCANS`.
 
-use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::io::{self, ErrorKind, Read as _};
 use std::time::{Duration as Wait, Instant as Clock};
 
 use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};
