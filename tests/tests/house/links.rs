@@ -1,6 +1,6 @@
-//! Links of the pages lead somewhere: to a file that is there, and to a heading in it.
+//! Links and pictures of the pages lead somewhere: to a file that is there, and to a heading in it. Those of the book stay in the book.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::{files, root};
 
@@ -19,6 +19,29 @@ fn every_link_of_a_page_leads_somewhere() {
     }
     assert!(checked > 30, "found {checked} links only");
     assert!(dead.is_empty(), "{dead:#?}");
+}
+
+/// What is not in the contents is not in the book, nor is what lies beside `docs`: a link to it would be dead there.
+#[test]
+fn the_book_is_complete_in_itself() {
+    let docs = root().join("docs");
+    let pages = files(&docs, "md");
+    let contents = std::fs::read_to_string(docs.join("SUMMARY.md")).unwrap();
+    let listed: Vec<PathBuf> = targets(&contents).into_iter().map(PathBuf::from).collect();
+    let mut faults = Vec::new();
+    for page in pages.iter().filter(|page| *page != Path::new("SUMMARY.md")) {
+        if listed.iter().filter(|listed| *listed == page).count() != 1 {
+            faults.push(format!("{} is not once in SUMMARY.md", page.display()));
+        }
+        for target in targets(&std::fs::read_to_string(docs.join(page)).unwrap()) {
+            let up = target.matches("../").count();
+            if up >= page.components().count() {
+                faults.push(format!("{}: {target} is outside of the book", page.display()));
+            }
+        }
+    }
+    assert!(listed.len() > 20 && listed.len() + 1 == pages.len(), "{} listed, {} pages", listed.len(), pages.len());
+    assert!(faults.is_empty(), "{faults:#?}");
 }
 
 /// Targets of inline links within the repository, outside code.

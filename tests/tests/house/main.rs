@@ -1,7 +1,8 @@
-//! What holds the house together and no compiler checks: directions between folders, sizes of files, links between pages.
+//! What holds the house together and no compiler checks: directions between folders, sizes of files, links between pages, length of sentences.
 
 mod circles;
 mod links;
+mod sentences;
 mod sizes;
 
 use std::path::{Path, PathBuf};
