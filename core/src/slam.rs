@@ -179,7 +179,7 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
             let map_from_robot = self.map_from_best * previous.between(map_from_robot);
             return Ok(StepReport { map_from_robot, odometry, filter: None });
         }
-        let motion = MatchedMotion::from_map(previous, map_from_robot, &matched.covariance, self.undetermined);
+        let motion = MatchedMotion::from_map(previous, map_from_robot, self.undetermined);
         let motion = ScanMatchingMotion::new(&self.motion, &motion);
         let sweep = Sweep { scan: *scan, robot_from_lrf, motion: odometry.motion };
         let filter = self.filter.step_with(&sweep, &motion, weigh)?;

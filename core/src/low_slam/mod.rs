@@ -31,14 +31,14 @@ mod weighing;
 pub use memory::{LowSlamMemory, LowSlamMemoryError};
 pub use pools::{LowSlamPools, SmallPools};
 pub use stretch::Stretch;
-pub use weighing::{RefinementConfig, Weighing};
+pub use weighing::Weighing;
 
 use self::stretch::OneScan;
 use crate::ancestry::{Ancestry, NodeId};
 use crate::distributed_map::{DistributedMap, ParticleMapConfig, Window, WindowFrame};
 use crate::geometry::{Point2, Pose2};
 use crate::motion::Motion;
-use crate::particles::{self, Particle, Resampling, Sample, Weights};
+use crate::particles::{self, Particle, Sample, Weights};
 use crate::perception::{PerceptionConfig, PerceptionModel};
 use crate::random::RandomStream;
 use crate::rays::{Ray, RayCapacityError, RayConfig};
@@ -51,14 +51,13 @@ crate::config! {
         particles: u16 = 50, in 1..=10000;
         /// Poses tried for each particle kept, with one map: time is in proportion, memory is not. The thesis: 1; the original: 10.
         samples_per_particle: u16 = 1, in 1..=100;
-        /// Resample when the effective sample size falls below this share of P; 1: after every scan, as the thesis does. Between, weights
-        /// add up: particles are compared by several scans and fewer good ones die of chance, which is what closing a loop lives on. Ignored with
-        /// more samples than particles, where only resampling chooses who is kept.
-        resample_share: f32 = 0.5, in 0.0..=1.0;
-        /// How survivors are drawn. The thesis: "multinomial", which adds noise for nothing.
-        resampling: Resampling = Resampling::Systematic;
     }
 }
+
+/// Resampling waits until the effective sample size falls to this share of P. Between, weights add up: particles are compared by
+/// several scans and fewer good ones die of chance, which is what closing a loop lives on. The thesis: 1, after every scan. Not looked
+/// at with more samples than particles, where only resampling chooses who is kept.
+const RESAMPLE_SHARE: f32 = 0.5;
 
 /// The configuration of the low level with all its parts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -71,8 +70,6 @@ pub struct LowSlamConfigs {
     pub rays: RayConfig,
     /// Weights.
     pub perception: PerceptionConfig,
-    /// Proposal.
-    pub refinement: RefinementConfig,
 }
 
 /// What one step did.
@@ -315,7 +312,6 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             particles: self.particles.get(..self.particle_count).unwrap_or_default(),
             rays: self.rays.get(first_ray.min(self.ray_count)..self.ray_count).unwrap_or_default(),
             model: &self.model,
-            refinement: &self.config.refinement,
             particle_from_lrf: self.particle_from_lrf,
             frame,
         };
@@ -324,12 +320,12 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
 
     /// Draws survivors if the weights have become too unequal, or there are too many samples; else all go on.
     fn resample(&mut self, weights: &Weights) -> bool {
-        let enough = self.config.filter.resample_share * f32::from(self.particles_max);
+        let enough = RESAMPLE_SHARE * f32::from(self.particles_max);
         let drawn = self.sample_count > self.particles_max() || weights.effective_sample_size <= enough;
         if drawn {
             let draws = self.particles_max;
             let mut rng = RandomStream::new(self.seed, self.steps, u32::MAX);
-            particles::resample(self.config.filter.resampling, self.samples_mut(), draws, &mut rng);
+            particles::resample(self.samples_mut(), draws, &mut rng);
         }
         for sample in self.samples_mut() {
             if drawn {
@@ -345,9 +341,8 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     /// The window of this step: all samples' positions, as far as the scan's longest ray goes about them.
     fn frame(&self) -> WindowFrame {
         let longest = self.rays.iter().take(self.ray_count).map(|ray| ray.length_m).fold(0.0, f32::max);
-        let refined = self.config.refinement.distance_max_m();
         let squares = 2.0 * self.config.map.square_size_m;
-        let reach = longest + self.model.reach_m() + self.particle_from_lrf.position().norm() + refined + squares;
+        let reach = longest + self.model.reach_m() + self.particle_from_lrf.position().norm() + squares;
         let (mut low, mut high) = (Point2::new(f32::MAX, f32::MAX), Point2::new(f32::MIN, f32::MIN));
         for pose in self.samples().iter().map(|sample| sample.map_from_robot).filter(|pose| pose.is_finite()) {
             low = Point2::new(low.x.min(pose.x), low.y.min(pose.y));

@@ -171,7 +171,6 @@ fn the_filter_corrects_a_biased_motion() {
 fn threads_change_no_bit() {
     let config = LowSlamConfigs {
         filter: LowSlamConfig { particles: 20, samples_per_particle: 3, ..Default::default() },
-        refinement: RefinementConfig { rounds: 1, ..Default::default() },
         ..configs(20)
     };
     let run = |threads| {
@@ -205,17 +204,15 @@ fn parents_and_leaves_are_told_truly() {
 
 #[test]
 fn resampling_after_every_scan_keeps_all_draws_and_no_weight() {
-    for scheme in [Resampling::Multinomial, Resampling::Systematic] {
-        let mut config = configs(30);
-        config.filter = LowSlamConfig { resampling: scheme, resample_share: 1.0, ..config.filter };
-        let mut first = true;
-        drive(&config, &mut Memory::new(30, 30, 6000), 30, 1, |slam, report, _| {
-            assert!(report.resampled || first);
-            first = false;
-            assert_eq!(slam.particles().iter().map(|particle| particle.draws).sum::<u16>(), 30);
-            assert!(slam.particles().iter().all(|particle| particle.log_weight == 0.0));
-        });
-    }
+    let mut config = configs(30);
+    config.filter.samples_per_particle = 2;
+    let mut first = true;
+    drive(&config, &mut Memory::new(30, 60, 6000), 30, 1, |slam, report, _| {
+        assert!(report.resampled || first);
+        first = false;
+        assert_eq!(slam.particles().iter().map(|particle| particle.draws).sum::<u16>(), 30);
+        assert!(slam.particles().iter().all(|particle| particle.log_weight == 0.0));
+    });
 }
 
 #[test]
@@ -255,21 +252,6 @@ fn few_nodes_or_samples_mean_fewer_particles() {
         LowSlam::new(&configs(100), 1, memory.lend()),
         Err(LowSlamMemoryError::Ancestry(AncestryMemoryError(1)))
     ));
-}
-
-#[test]
-fn refined_samples_are_nearer_to_the_truth() {
-    let error = |rounds| {
-        let mut config = configs(6);
-        config.refinement.rounds = rounds;
-        let mut sum = 0.0;
-        drive(&config, &mut Memory::new(6, 6, 4000), 60, 1, |_, report, pose| {
-            sum += distance(report.map_from_robot, pose) / 60.0;
-        });
-        sum
-    };
-    let (plain, refined) = (error(0), error(6));
-    assert!(refined < 0.9 * plain, "{refined} is not better than {plain}");
 }
 
 #[test]

@@ -8,8 +8,7 @@ use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 
-const SINGLE: NdtConfig =
-    NdtConfig { cell_size_m: 0.5, grids: 1, points_min: 3, count_max: 240, eigenvalue_ratio_min: 0.001, noise_m: 0.02 };
+const SINGLE: NdtConfig = NdtConfig { cell_size_m: 0.5, grids: 1, noise_m: 0.02 };
 
 /// Memory for a grid of 32 × 32 tiles.
 struct Memory {
@@ -49,7 +48,7 @@ fn naive_score(config: &NdtConfig, reference: &[Point2], points: &[Point2], pose
         let p = (f64::from(pose.x) + cos * x - sin * y, f64::from(pose.y) + sin * x + cos * y);
         let members: Vec<_> = reference.iter().filter(|q| cell(**q) == cell(p)).collect();
         let n = members.len() as f64;
-        if n < f64::from(config.points_min) {
+        if n < f64::from(cell::POINTS_MIN) {
             continue;
         }
         let mean = (members.iter().map(|q| q.0).sum::<f64>() / n, members.iter().map(|q| q.1).sum::<f64>() / n);

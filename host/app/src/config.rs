@@ -15,7 +15,7 @@ use lrfslam_robot::{LaserConfig, ReportConfig, RobotConfig};
 use serde::{Deserialize, Serialize};
 
 use lrfslam_host::localize::{LocalizeConfig, LocalizerConfig};
-use lrfslam_host::mapping::high::{HighConfig, HighParticlesConfig, SegmentConfig};
+use lrfslam_host::mapping::high::HighConfig;
 use lrfslam_host::mapping::saved_map::{self, SavedMap, SavedMapError};
 use lrfslam_host::mapping::{HierarchyConfig, MappingConfig, MemoryConfig};
 use lrfslam_host::maps::occupancy::MapConfig;
@@ -121,12 +121,8 @@ lrfslam_core::slam_sections!(run_config! {
         report: ReportConfig,
         /// High level.
         high: HighConfig,
-        /// Segments of the path.
-        segment: SegmentConfig,
         /// Closing of loops.
         closure: ClosureConfig,
-        /// Particles of the high level.
-        high_particles: HighParticlesConfig,
         /// Localisation.
         localize: LocalizeConfig,
         /// Memory.
@@ -282,8 +278,8 @@ impl RunConfig {
 
     /// The part that makes maps.
     pub fn mapping(&self) -> MappingConfig {
-        let Self { hierarchy, high, segment, closure, high_particles, memory, map, .. } = *self;
-        MappingConfig { slam: self.slam(), hierarchy, high, segment, closure, high_particles, memory, map }
+        let Self { hierarchy, high, closure, memory, map, .. } = *self;
+        MappingConfig { slam: self.slam(), hierarchy, high, closure, memory, map }
     }
 
     /// The configuration that a map was made with.
@@ -311,8 +307,8 @@ impl RunConfig {
 
     /// The part that finds and follows a robot in a map.
     pub fn localizer(&self) -> LocalizerConfig {
-        let Self { localize, segment, closure, memory, .. } = *self;
-        LocalizerConfig { localize, slam: self.slam(), segment, closure, memory }
+        let Self { localize, closure, memory, .. } = *self;
+        LocalizerConfig { localize, slam: self.slam(), closure, memory }
     }
 
     /// The configured mounting of the laser, for logs that do not tell it.

@@ -35,8 +35,6 @@ lrfslam_core::config! {
         /// A cell is occupied if at least this share of the rays that reached it ended there.
         /// Lower: thicker walls, more ghosts of passers-by. Source: the value GMapping draws with.
         occupied_share: f32 = 0.25, in 0.01..=1.0;
-        /// Fewer rays leave a cell unknown.
-        observations_min: u16 = 1, in 1..=1000;
         /// Longer side of map.png, pixels; a larger map is drawn smaller.
         picture_px: u32 = 2400, in 200..=20000;
     }
@@ -209,7 +207,7 @@ impl OccupancyMap {
 
     fn judge(&self, cell: Cell) -> Occupancy {
         let rays = u32::from(cell.hits) + u32::from(cell.passes);
-        if rays == 0 || rays < u32::from(self.config.observations_min) {
+        if rays == 0 {
             let is_free = cell.hits == 0 && cell.misses_agree(self.miss_sectors);
             if is_free { Occupancy::Free } else { Occupancy::Unknown }
         } else if f32::from(cell.hits) >= self.config.occupied_share * rays as f32 {

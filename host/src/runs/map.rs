@@ -93,9 +93,7 @@ impl<'m> MapRun<'m> {
     pub fn new(config: &MappingConfig, seed: u64, memory: &'m mut RunMemory) -> anyhow::Result<Self> {
         let RunMemory { mapper, high } = memory;
         let particles = config.high_particles().zip(high.as_mut());
-        let particles = particles
-            .map(|(filter, pools)| HighParticles::new(&config.high_particles, &filter, seed, pools))
-            .transpose()?;
+        let particles = particles.map(|(filter, pools)| HighParticles::new(&filter, seed, pools)).transpose()?;
         Ok(Self::with(config, seed, particles, Mapper::new(&config.slam, seed, mapper)?))
     }
 
