@@ -181,6 +181,15 @@ pub enum RunConfigError {
     },
 }
 
+/// `message`, and where it names a key that is not known, that there were more of them once.
+fn with_notice_of_cut_keys(message: &str) -> String {
+    let message = message.trim_end();
+    let is_unknown = message.contains("unknown field") || message.contains("there is no section");
+    let notice =
+        if is_unknown { "; 0.2 has fewer keys than 0.1: what `lrfslam config` does not print is fixed" } else { "" };
+    format!("{message}{notice}")
+}
+
 impl RunConfig {
     /// Defaults, then the file (if any), then the overrides `section.key=value`, checked.
     ///
@@ -197,7 +206,10 @@ impl RunConfig {
     pub fn load_over(defaults: Self, file: Option<&Path>, overrides: &[String]) -> Result<Self, RunConfigError> {
         let mut config = file.map_or(Ok(defaults), |file| defaults.with_file(file))?;
         for argument in overrides {
-            let wrong = |message| RunConfigError::Override { argument: argument.clone(), message };
+            let wrong = |message: String| RunConfigError::Override {
+                argument: argument.clone(),
+                message: with_notice_of_cut_keys(&message),
+            };
             config = config.with(argument).map_err(wrong)?;
         }
         config.validate()?;
@@ -210,7 +222,7 @@ impl RunConfig {
         let text = std::fs::read_to_string(path);
         let text = text.map_err(|source| RunConfigError::Read { file: file.clone(), source })?;
         let wrong =
-            |message: String| RunConfigError::File { file: file.clone(), message: message.trim_end().to_owned() };
+            |message: String| RunConfigError::File { file: file.clone(), message: with_notice_of_cut_keys(&message) };
         // Read by itself first: only then do messages tell the line.
         let _: Self = toml::from_str(&text).map_err(|error| wrong(error.to_string()))?;
         let given: toml::Table = toml::from_str(&text).map_err(|error| wrong(error.to_string()))?;

@@ -1,10 +1,11 @@
 //! Follows the robot in the map.
 
-use lrfslam_core::filter::PointCapacityError;
+use lrfslam_core::filter::{PointCapacityError, hits};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::laser_odometry::{LaserOdometry, OdometryMemory};
 use lrfslam_core::ndt::NdtMemoryError;
 use lrfslam_core::scan::RangeScan;
+use lrfslam_core::sweep::Sweep;
 
 use super::belief::{Belief, FOUND_CERTAINTY};
 use super::{KnownMap, LocalizerConfig, Located};
@@ -70,8 +71,9 @@ impl<'m> Tracker<'m> {
         self.way_m += way_m(moved);
         self.belief.drift(moved, before.heading);
         if self.way_m >= WITNESS_APART_M {
-            let hits: Vec<Point2> = scan.beams.iter().filter_map(|beam| Point2::of_hit(beam)).collect();
-            self.agreement = map.walls().agreement(&hits, map_from_robot * robot_from_lrf);
+            let mut memory = vec![Point2::default(); scan.beams.len()];
+            let hits = hits(&Sweep { scan: *scan, robot_from_lrf, motion: step.motion }, &mut memory)?;
+            self.agreement = map.walls().agreement(hits, map_from_robot);
             let moved_m = std::mem::take(&mut self.way_m).min(1.0);
             self.belief.observe(self.agreement, &step.matched.covariance, moved_m);
         }

@@ -15,6 +15,7 @@ use std::collections::HashMap;
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::grid::{CellIndex, cells_on_ray};
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
+use lrfslam_core::sweep::{Sweep, SweepMotion};
 
 lrfslam_core::config! {
     /// How the map is drawn.
@@ -131,13 +132,23 @@ impl OccupancyMap {
         Self { config, tiles: Vec::new(), places: HashMap::new(), last: None, miss_sectors }
     }
 
-    /// Draws `scan`, taken by a laser at `map_from_lrf`; a pose that is not finite draws nothing.
+    /// Draws the scan of `sweep`, its beams where they lie in the middle of the sweep, when the robot is at `map_from_robot`; a pose that
+    /// is not finite draws nothing.
     ///
     /// Cost: O(cells that its rays cross).
-    pub fn insert(&mut self, scan: &RangeScan<'_>, map_from_lrf: Pose2) {
+    pub fn insert(&mut self, sweep: &Sweep<'_>, map_from_robot: Pose2) {
+        let map_from_lrf = map_from_robot * sweep.robot_from_lrf;
         if !map_from_lrf.is_finite() {
             return;
         }
+        if sweep.motion == SweepMotion::default() {
+            return self.insert_beams(&sweep.scan, map_from_lrf);
+        }
+        let beams: Vec<Beam> = sweep.scan.beams.iter().map(sweep.middle_beam()).collect();
+        self.insert_beams(&RangeScan { beams: &beams, ..sweep.scan }, map_from_lrf);
+    }
+
+    fn insert_beams(&mut self, scan: &RangeScan<'_>, map_from_lrf: Pose2) {
         let is_hit = |beam: &Beam| matches!(beam.echo, Echo::Hit(_));
         let (mut before, mut rest) = (None, scan.beams);
         while !rest.is_empty() {

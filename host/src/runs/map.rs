@@ -118,7 +118,7 @@ impl<'m> MapRun<'m> {
             self.map_from_step = step.map_from_robot;
             self.step_count += 1;
         } else if !self.low.has_particles() && !step.odometry.is_lost {
-            self.map.insert(scan, step.map_from_robot * robot_from_lrf);
+            self.map.insert(&sweep, step.map_from_robot);
         }
         let step_from_robot = self.map_from_step.between(step.map_from_robot);
         let low = low_pose(&step.odometry);

@@ -93,7 +93,7 @@ impl HighSlam<'_> {
         let mut beams = Vec::new();
         for (map_from_robot, scan) in (0..=self.segments.len()).flat_map(|k| self.scans_of(k)) {
             if let Some(sweep) = self.scans.sweep(scan as usize, &mut beams) {
-                map.insert(&sweep.scan, map_from_robot * sweep.robot_from_lrf);
+                map.insert(&sweep, map_from_robot);
             }
         }
     }
