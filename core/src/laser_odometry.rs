@@ -120,7 +120,7 @@ pub struct KeyScan {
 
 /// What one step did.
 #[derive(Debug, Clone, Copy)]
-pub struct StepReport {
+pub struct OdometryReport {
     /// The match; its pose is where the robot is now.
     pub matched: Match,
     /// Where it was expected.
@@ -243,7 +243,7 @@ impl<'m> LaserOdometry<'m> {
         scan: &RangeScan<'_>,
         robot_from_lrf: Pose2,
         displacement: Option<Pose2>,
-    ) -> Result<StepReport, PointCapacityError> {
+    ) -> Result<OdometryReport, PointCapacityError> {
         let motion = self.motion_during(scan, displacement);
         let hits = filter::hits(&Sweep { scan: *scan, robot_from_lrf, motion }, self.hits)?;
         let count = filter::thin(&self.config.filter, hits, self.points)?.len();
@@ -268,7 +268,7 @@ impl<'m> LaserOdometry<'m> {
         if !first && is_trusted {
             self.score_per_point += SCORE_SHARE * (matched.score_per_point - self.score_per_point);
         }
-        Ok(StepReport {
+        Ok(OdometryReport {
             // Against nothing, every axis is undetermined; that says nothing about the scene.
             matched: Match { map_from_robot, undetermined: matched.undetermined.filter(|_| !first), ..matched },
             predicted,

@@ -81,9 +81,9 @@ pub struct StepReport {
     /// Where the robot is, in the map of the best particle; its path may change when another becomes the best.
     pub map_from_robot: Pose2,
     /// Matching.
-    pub odometry: laser_odometry::StepReport,
+    pub odometry: laser_odometry::OdometryReport,
     /// The filter's step, if it took one.
-    pub filter: Option<low_slam::StepReport>,
+    pub filter: Option<low_slam::FilterReport>,
 }
 
 /// See the [module](self).

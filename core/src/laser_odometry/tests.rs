@@ -59,7 +59,7 @@ fn drive(
     path: impl Iterator<Item = Pose2>,
     robot_from_lrf: Pose2,
     seed: u64,
-) -> (Pose2, Vec<StepReport>) {
+) -> (Pose2, Vec<OdometryReport>) {
     let world = World::room();
     let mut rng = Pcg32::seed_from_u64(seed);
     let mut reports = Vec::new();
@@ -104,7 +104,7 @@ fn a_standing_robot_does_not_drift() {
     let mut memory = Memory::new(2000);
     let mut odometry = memory.odometry(&LaserOdometryConfig::default());
     let (_, reports) = drive(&mut odometry, (0..300).map(|_| Pose2::IDENTITY), Pose2::IDENTITY, 1);
-    let mean = |part: &[StepReport], of: fn(Pose2) -> f32| {
+    let mean = |part: &[OdometryReport], of: fn(Pose2) -> f32| {
         part.iter().map(|r| of(r.matched.map_from_robot)).sum::<f32>() / part.len() as f32
     };
     let drift = |of| mean(&reports[250..], of) - mean(&reports[1..51], of);

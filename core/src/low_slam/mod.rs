@@ -8,7 +8,7 @@
 //! # Memory
 //! All of it is lent by the caller ([`LowSlamMemory`]) and nothing grows. When tiles run out, the least likely particles go
 //! until the tree has given enough back; their places are drawn anew at the next resampling. With one particle
-//! left, what finds no tile is left out. The [`StepReport`] says all of that. With P particles, 2P nodes are always enough; the
+//! left, what finds no tile is left out. The [`FilterReport`] says all of that. With P particles, 2P nodes are always enough; the
 //! filter takes no more particles than its memory has room for ([`LowSlam::particles_max`]).
 //!
 //! # Path
@@ -74,7 +74,7 @@ pub struct LowSlamConfigs {
 
 /// What one step did.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct StepReport {
+pub struct FilterReport {
     /// Where the most likely particle is.
     pub map_from_robot: Pose2,
     /// Its index among [`LowSlam::particles`].
@@ -207,7 +207,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     ///
     /// # Errors
     /// [`RayCapacityError`] if the scan has more beams than memory was lent for.
-    pub fn step(&mut self, sweep: &Sweep<'_>, motion: &impl Motion) -> Result<StepReport, RayCapacityError> {
+    pub fn step(&mut self, sweep: &Sweep<'_>, motion: &impl Motion) -> Result<FilterReport, RayCapacityError> {
         self.step_with(sweep, motion, |weighing, samples, window| weighing.weigh_all(samples, window))
     }
 
@@ -224,7 +224,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         sweep: &Sweep<'_>,
         motion: &impl Motion,
         weigh: impl FnMut(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
-    ) -> Result<StepReport, RayCapacityError> {
+    ) -> Result<FilterReport, RayCapacityError> {
         self.step_along(&mut OneScan(*sweep), Pose2::IDENTITY, motion, weigh)
     }
 
@@ -241,7 +241,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         start_from_end: Pose2,
         motion: &impl Motion,
         mut weigh: impl FnMut(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
-    ) -> Result<StepReport, RayCapacityError> {
+    ) -> Result<FilterReport, RayCapacityError> {
         (0..stretch.len()).try_for_each(|index| self.take(stretch, index))?;
         if self.steps == 0 {
             // "first read? all particles at x = 0, y = 0, θ = 0", or wherever they were told to start
@@ -249,7 +249,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             let report = self.print_at(start, stretch);
             return report.map(|report| self.moved_by(start_from_end, report));
         }
-        let mut report = StepReport::default();
+        let mut report = FilterReport::default();
         self.predict(motion); // "predict, using motion model + particles t−1"
         for index in 0..stretch.len() {
             self.take_again(stretch, index)?;
@@ -266,14 +266,18 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     }
 
     /// Puts the only particle, which stands for all draws, at `map_from_robot`, and prints the scans there.
-    fn print_at(&mut self, map_from_robot: Pose2, stretch: &mut impl Stretch) -> Result<StepReport, RayCapacityError> {
+    fn print_at(
+        &mut self,
+        map_from_robot: Pose2,
+        stretch: &mut impl Stretch,
+    ) -> Result<FilterReport, RayCapacityError> {
         let draws = self.particles_max;
         self.sample_count = 1;
         if let (Some(sample), Some(particle)) = (self.samples.first_mut(), self.particles.first_mut()) {
             *sample = Sample { map_from_robot, draws, weight: 1.0, ..Sample::default() };
             particle.samples = [0, 1];
         }
-        let mut report = StepReport::default();
+        let mut report = FilterReport::default();
         self.advance();
         self.print_all(stretch, &mut report)?;
         self.steps = self.steps.saturating_add(1);

@@ -117,7 +117,7 @@ fn drive(
     memory: &mut Memory,
     steps: u32,
     threads: usize,
-    mut observe: impl FnMut(&LowSlam<'_, SIDE>, &StepReport, Pose2),
+    mut observe: impl FnMut(&LowSlam<'_, SIDE>, &FilterReport, Pose2),
 ) {
     let mut slam = LowSlam::new(config, 5, memory.lend()).unwrap();
     let mut before = Pose2::IDENTITY;

@@ -270,7 +270,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
 }
 
 /// What the high level goes by: laser odometry, which the particles have corrected, without their jumps from one to the other.
-fn low_pose(step: &laser_odometry::StepReport) -> LowPose {
+fn low_pose(step: &laser_odometry::OdometryReport) -> LowPose {
     let Match { map_from_robot, undetermined, .. } = step.matched;
     LowPose { map_from_robot, undetermined, is_lost: step.is_lost }
 }
