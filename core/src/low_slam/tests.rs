@@ -169,10 +169,7 @@ fn the_filter_corrects_a_biased_motion() {
 
 #[test]
 fn threads_change_no_bit() {
-    let config = LowSlamConfigs {
-        filter: LowSlamConfig { particles: 20, samples_per_particle: 3, ..Default::default() },
-        ..configs(20)
-    };
+    let config = LowSlamConfigs { filter: LowSlamConfig { particles: 20, samples_per_particle: 3 }, ..configs(20) };
     let run = |threads| {
         let mut history = Vec::new();
         drive(&config, &mut Memory::new(20, 60, 6000), 25, threads, |slam, report, _| {

@@ -252,7 +252,7 @@ fn what_a_scene_says_does_not_depend_on_how_sharp_the_cells_are() {
         (0..200).flat_map(|i| [-1.0, 1.0].map(|y| Point2::new(0.05 * i as f32 - 5.0, y + 0.13))).collect();
     for noise_m in [0.005, 0.015, 0.025, 0.04] {
         let (mut memory, mut other_memory) = (Memory::new(80), Memory::new(80));
-        let config = NdtConfig { cell_size_m: 0.3, noise_m, grids: 1, ..SINGLE };
+        let config = NdtConfig { cell_size_m: 0.3, noise_m, grids: 1 };
         let (mut grid, mut other) = (memory.grid(&config), other_memory.grid(&config));
         grid.insert(&corner(), Pose2::IDENTITY);
         let [xx, _, yy] = grid.constraint(&corner(), Pose2::IDENTITY);
