@@ -15,14 +15,15 @@ crate::config! {
         population: u16 = 100, in 4..=1000;
         /// G, generations at most; cost is in proportion. Thesis table 4.5: 50.
         generations: u16 = 50, in 1..=1000;
-        /// F, scale of the difference vector. Thesis table 4.5: 1.00.
-        scale_factor: f32 = 1.0, in 0.1..=2.0;
-        /// CR, chance of a gene to come from the mutant. Thesis table 4.5: 0.95.
-        crossover_rate: f32 = 0.95, in 0.0..=1.0;
         /// Fitness below which the search stops early. Thesis 4.4.1: 1.0.
         stop_fitness: f32 = 1.0, in 0.0..=1000.0;
     }
 }
+
+/// F, scale of the difference vector. Source: thesis table 4.5.
+const SCALE_FACTOR: f32 = 1.0;
+/// CR, chance of a gene to come from the mutant. Source: thesis table 4.5.
+const CROSSOVER_RATE: f32 = 0.95;
 
 /// One candidate and its fitness.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,7 +84,7 @@ pub fn minimise<const D: usize>(
     while generations < config.generations && best.fitness >= config.stop_fitness && size >= 4 {
         generations += 1;
         for parent in 0..size {
-            let Some(trial) = trial_genes(config, bounds, population, parent, rng) else { continue };
+            let Some(trial) = trial_genes(bounds, population, parent, rng) else { continue };
             let Some(member) = population.get_mut(parent) else { continue };
             let fitness = objective(&trial, member.fitness);
             if fitness <= member.fitness {
@@ -126,7 +127,6 @@ fn initialise<const D: usize>(
 
 /// The mutant of three others, crossed with the parent. `None` only if the indices were out of range, which they are not.
 fn trial_genes<const D: usize>(
-    config: &DeConfig,
     bounds: &Bounds<D>,
     population: &[Member<D>],
     parent: usize,
@@ -138,8 +138,8 @@ fn trial_genes<const D: usize>(
     let sure = below(D, rng);
     let mut genes = kept;
     for (d, gene) in genes.iter_mut().enumerate() {
-        if uniform(rng) < config.crossover_rate || d == sure {
-            let mutant = a.get(d)? + config.scale_factor * (b.get(d)? - c.get(d)?);
+        if uniform(rng) < CROSSOVER_RATE || d == sure {
+            let mutant = a.get(d)? + SCALE_FACTOR * (b.get(d)? - c.get(d)?);
             *gene = reflect(mutant, *bounds.low.get(d)?, *bounds.high.get(d)?);
         }
     }
@@ -199,9 +199,9 @@ mod tests {
 
     #[test]
     fn finds_the_global_minimum_among_a_thousand_local_ones() {
-        let config = DeConfig { generations: 400, scale_factor: 0.6, stop_fitness: 1e-3, ..DeConfig::default() };
+        let config = DeConfig { population: 200, generations: 1000, stop_fitness: 1e-3 };
         for seed in 0..10 {
-            let mut memory = [Member::EMPTY; 100];
+            let mut memory = [Member::EMPTY; 200];
             let mut rng = Pcg32::seed_from_u64(seed);
             let outcome = minimise(&config, &BOX, [-4.0; 3], &mut memory, &mut rng, |g, _| rastrigin(g));
             assert!(outcome.converged, "seed {seed}: {outcome:?}");
@@ -226,8 +226,7 @@ mod tests {
     fn stays_in_the_box() {
         let mut memory = [Member::EMPTY; 20];
         let mut rng = Pcg32::seed_from_u64(1);
-        let config = DeConfig { scale_factor: 2.0, ..DeConfig::default() };
-        minimise(&config, &BOX, [0.0; 3], &mut memory, &mut rng, |genes, _| {
+        minimise(&DeConfig::default(), &BOX, [0.0; 3], &mut memory, &mut rng, |genes, _| {
             assert!(genes.iter().all(|g| (-5.0..=5.0).contains(g)));
             -genes[0]
         });

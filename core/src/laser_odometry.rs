@@ -31,19 +31,36 @@ crate::config! {
     pub struct OdometryConfig {
         /// What a scan is matched against. The thesis: "previous-scan".
         reference: Reference = Reference::WholeMap;
-        /// Key scans kept with "recent-scans".
-        recent_scans: u16 = 10, in 1..=1000;
-        /// The reference is extended after this much travel, m; 0: by every scan, as the thesis does.
-        key_distance_m: f32 = 0.05, in 0.0..=10.0;
-        /// … or this much rotation, degrees.
-        key_rotation_deg: f32 = 2.0, in 0.0..=180.0;
-        /// The first so many scans all go into the reference: the first one alone is thin and noisy.
-        settling_scans: u16 = 10, in 1..=1000;
         /// Corrects each beam for the robot's motion during the sweep, where the scan tells the beams' times. The pose is then
         /// that of the middle of the sweep.
         deskew: bool = true;
     }
 }
+
+/// Key scans kept with [`Reference::RecentScans`]: chosen.
+const RECENT_SCANS: usize = 10;
+/// The reference is extended after this much travel, m …
+const KEY_DISTANCE_M: f32 = 0.05;
+/// … or this much rotation, degrees: chosen; the thesis extends it by every scan.
+const KEY_ROTATION_DEG: f32 = 2.0;
+/// The first so many scans all go into the reference: the first one alone is thin and noisy. Chosen.
+const SETTLING_SCANS: u32 = 10;
+/// A place found by a wider search is believed if its score per point is at least this share of the usual one: chosen …
+const FOUND_SHARE: f32 = 0.6;
+/// … and its score is so many times that of the place where the robot was expected.
+const FOUND_BETTER: f32 = 1.2;
+/// While lost the reference is left alone, for this many scans at most: chosen.
+const PATIENCE_SCANS: u16 = 10;
+/// Share of a scan's score per point in the usual one: it follows over about ten scans.
+const SCORE_SHARE: f32 = 0.1;
+/// A step that turns more than this, rad, is not expected again.
+const STEADY_RAD: f32 = 0.5;
+/// A step is stretched by the time that has passed, from so many …
+const STRETCH_MIN: f32 = 0.2;
+/// … to so many times.
+const STRETCH_MAX: f32 = 4.0;
+/// Score per point by which a stretched step must agree better than the last one again.
+const STRETCH_BETTER: f32 = 0.1;
 
 impl OdometryConfig {
     /// Key scans that are removed again, for which there must be memory.
@@ -51,7 +68,7 @@ impl OdometryConfig {
         match self.reference {
             Reference::WholeMap => 0,
             Reference::PreviousScan => 1,
-            Reference::RecentScans => usize::from(self.recent_scans),
+            Reference::RecentScans => RECENT_SCANS,
         }
     }
 }
@@ -103,7 +120,7 @@ pub struct KeyScan {
 
 /// What one step did.
 #[derive(Debug, Clone, Copy)]
-pub struct StepReport {
+pub struct OdometryReport {
     /// The match; its pose is where the robot is now.
     pub matched: Match,
     /// Where it was expected.
@@ -226,7 +243,7 @@ impl<'m> LaserOdometry<'m> {
         scan: &RangeScan<'_>,
         robot_from_lrf: Pose2,
         displacement: Option<Pose2>,
-    ) -> Result<StepReport, PointCapacityError> {
+    ) -> Result<OdometryReport, PointCapacityError> {
         let motion = self.motion_during(scan, displacement);
         let hits = filter::hits(&Sweep { scan: *scan, robot_from_lrf, motion }, self.hits)?;
         let count = filter::thin(&self.config.filter, hits, self.points)?.len();
@@ -238,20 +255,20 @@ impl<'m> LaserOdometry<'m> {
         let is_lost = !first && matched.score_per_point < self.config.recovery.lost_share * self.score_per_point;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
         let map_from_robot = if first { self.map_from_robot } else { matched.map_from_robot };
-        let is_trusted = !is_lost || self.lost_scans > self.config.recovery.patience_scans;
-        let is_settling = self.scans < u32::from(self.config.odometry.settling_scans);
+        let is_trusted = !is_lost || self.lost_scans > PATIENCE_SCANS;
+        let is_settling = self.scans < SETTLING_SCANS;
         self.scans = self.scans.saturating_add(1);
         let is_key = is_settling || (is_trusted && self.is_key(map_from_robot));
         let inserted = if is_key { self.extend(map_from_robot, hits) } else { InsertReport::default() };
         let step = self.map_from_robot.between(map_from_robot);
-        self.velocity = if is_lost || step.heading.abs() > 0.5 { Pose2::IDENTITY } else { step };
+        self.velocity = if is_lost || step.heading.abs() > STEADY_RAD { Pose2::IDENTITY } else { step };
         self.map_from_robot = map_from_robot;
         self.last_interval = self.last_stamp.map_or(Duration::ZERO, |last| scan.stamp.since(last));
         self.last_stamp = Some(scan.stamp);
         if !first && is_trusted {
-            self.score_per_point += 0.1 * (matched.score_per_point - self.score_per_point);
+            self.score_per_point += SCORE_SHARE * (matched.score_per_point - self.score_per_point);
         }
-        Ok(StepReport {
+        Ok(OdometryReport {
             // Against nothing, every axis is undetermined; that says nothing about the scene.
             matched: Match { map_from_robot, undetermined: matched.undetermined.filter(|_| !first), ..matched },
             predicted,
@@ -274,11 +291,15 @@ impl<'m> LaserOdometry<'m> {
         if elapsed <= 0.0 || usual <= 0.0 {
             return self.velocity;
         }
-        let factor = (elapsed / usual).clamp(0.2, 4.0);
+        let factor = (elapsed / usual).clamp(STRETCH_MIN, STRETCH_MAX);
         let Pose2 { x, y, heading } = self.velocity;
         let in_proportion = Pose2::new(factor * x, factor * y, factor * heading);
         let score = |step| self.ndt.search_score(points, self.map_from_robot * step, 0.0);
-        if score(in_proportion) > score(self.velocity) + 0.1 * count as f32 { in_proportion } else { self.velocity }
+        if score(in_proportion) > score(self.velocity) + STRETCH_BETTER * count as f32 {
+            in_proportion
+        } else {
+            self.velocity
+        }
     }
 
     /// How the robot is expected to move while `scan` is taken: at the speed of the last step.
@@ -307,14 +328,13 @@ impl<'m> LaserOdometry<'m> {
             return matched;
         }
         let wide = self.matcher.align_anywhere(&self.ndt, points, prediction, &self.config.recovery, &mut self.rng);
-        let is_found = wide.score_per_point >= self.config.recovery.found_share * self.score_per_point;
-        if is_found && wide.score > 1.2 * matched.score { wide } else { matched }
+        let is_found = wide.score_per_point >= FOUND_SHARE * self.score_per_point;
+        if is_found && wide.score > FOUND_BETTER * matched.score { wide } else { matched }
     }
 
     fn is_key(&self, map_from_robot: Pose2) -> bool {
         let step = self.map_from_key.between(map_from_robot);
-        step.position().norm() >= self.config.odometry.key_distance_m
-            || step.heading.abs() >= self.config.odometry.key_rotation_deg.to_radians()
+        step.position().norm() >= KEY_DISTANCE_M || step.heading.abs() >= KEY_ROTATION_DEG.to_radians()
     }
 
     /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.

@@ -23,6 +23,25 @@ use objective::{Objective, Prior, Summit};
 
 /// Most points that `search_points` can ask for.
 const SEARCH_POINTS_MAX: usize = 256;
+/// Candidates of the search that are polished, best first, each apart from the others. Chosen: the true optimum is among the first
+/// three where a search finds it at all.
+const NEWTON_STARTS: usize = 3;
+/// Candidates farther from one another than this, m, …
+const APART_M: f32 = 0.05;
+/// … or than this, rad, climb to optima of their own.
+const APART_RAD: f32 = 0.01;
+/// An axis about which the matched points say less than this is reported as undetermined: 0 for parallel walls without any feature,
+/// 0.5 for walls in all directions seen as sharply as the laser can. Chosen.
+pub const CONSTRAINT_MIN: f32 = 0.03;
+/// An axis about which they say less than this is not fully believed but drawn towards the prediction, where there is a prior.
+/// Chosen; the thesis believes every match.
+const CONSTRAINT_TRUSTED: f32 = 0.25;
+/// A robot that is not where it was expected is searched for so far in every direction, m: chosen for a robot that is carried a step.
+const LOST_DISTANCE_M: f32 = 2.0;
+/// And so far to each side, degrees: chosen.
+const LOST_ROTATION_DEG: f32 = 100.0;
+/// Newton steps of a match without a search, at most: it converges in a few.
+const LOCAL_STEPS: u16 = 50;
 
 crate::config! {
     /// Box around the prediction in which a match is searched (thesis table 4.4), robot frame.
@@ -46,19 +65,11 @@ crate::config! {
         search_points: u16 = 0, in 0..=256;
         /// Newton steps that polish the result of the search; 0 takes DE's answer as it is, as the thesis does.
         newton_steps: u16 = 12, in 0..=100;
-        /// Candidates of the search that are polished, best first, each apart from the others.
-        newton_starts: u16 = 3, in 1..=8;
         /// Spread of the prediction's error per scan along and across, m: how far the robot is expected to depart from its
         /// predicted motion. Counts against distant matches. 0 switches it off, as the thesis does.
         prior_position_m: f32 = 0.15, in 0.0..=100.0;
         /// The same for the heading, degrees.
         prior_heading_deg: f32 = 10.0, in 0.0..=360.0;
-        /// An axis about which the matched points say less than this is reported as undetermined: 0 for parallel walls without
-        /// any feature, 0.5 for walls in all directions seen as sharply as the laser can.
-        constraint_min: f32 = 0.03, in 0.0..=0.5;
-        /// An axis about which they say less than this is not fully believed but drawn towards the prediction. 0 believes every
-        /// match, as the thesis does.
-        constraint_trusted: f32 = 0.25, in 0.0..=0.5;
     }
 }
 
@@ -68,20 +79,12 @@ crate::config! {
         /// A score per point below this share of the usual one means that the robot is not where it was expected. 0 switches
         /// recovery off, as the thesis does.
         lost_share: f32 = 0.5, in 0.0..=1.0;
-        /// Then this much is searched in every direction, m.
-        distance_m: f32 = 2.0, in 0.0..=10.0;
-        /// And this much to each side, degrees.
-        rotation_deg: f32 = 100.0, in 0.0..=180.0;
-        /// With this population.
+        /// Population of the wider search that follows.
         population: u16 = 300, in 4..=1000;
         /// And as many generations.
         generations: u16 = 60, in 1..=1000;
         /// Points that this search looks at, as `matcher.search_points` for the usual one. 0: all.
         search_points: u16 = 0, in 0..=256;
-        /// A place found so is believed if its score per point is at least this share of the usual one.
-        found_share: f32 = 0.6, in 0.0..=1.0;
-        /// While lost the reference is left alone, for this many scans at most.
-        patience_scans: u16 = 10, in 0..=10000;
     }
 }
 
@@ -165,12 +168,11 @@ impl<'m> ScanMatcher<'m> {
         rng: &mut impl Rng,
     ) -> Match {
         let prior = Prior { predicted: prediction.map_from_robot, position: 0.0, heading: 0.0 };
-        let distance_m = recovery.distance_m;
         let search = SearchConfig {
-            backward_m: distance_m,
-            forward_m: distance_m,
-            lateral_m: distance_m,
-            rotation_deg: recovery.rotation_deg,
+            backward_m: LOST_DISTANCE_M,
+            forward_m: LOST_DISTANCE_M,
+            lateral_m: LOST_DISTANCE_M,
+            rotation_deg: LOST_ROTATION_DEG,
         };
         let de = DeConfig { population: recovery.population, generations: recovery.generations, ..self.de };
         let effort = Effort { search, de, points: recovery.search_points };
@@ -193,7 +195,7 @@ impl<'m> ScanMatcher<'m> {
         let mut best = Summit { pose: found, value: f32::NEG_INFINITY };
         if steps > 0 {
             best = if near.value > best.value { near } else { best };
-            for start in candidates(self.population, outcome.population, self.config.newton_starts) {
+            for start in candidates(self.population, outcome.population) {
                 let [forward, lateral, rotation] = start;
                 let summit = objective.climb(prediction.map_from_robot * Pose2::new(forward, lateral, rotation), steps);
                 best = if summit.value > best.value { summit } else { best };
@@ -206,7 +208,7 @@ impl<'m> ScanMatcher<'m> {
     /// Newton from the prediction alone, without the search: what scan matching is without DE.
     pub fn align_locally(&self, ndt: &NdtGrid<'_>, points: &[Point2], prediction: &Prediction) -> Pose2 {
         let prior = Prior::new(&self.config, prediction.map_from_robot);
-        Objective::new(ndt, points, prior).climb(prediction.map_from_robot, 50).pose
+        Objective::new(ndt, points, prior).climb(prediction.map_from_robot, LOCAL_STEPS).pose
     }
 
     /// DE over the box of table 4.4, in the robot's frame about the prediction.
@@ -248,7 +250,7 @@ impl<'m> ScanMatcher<'m> {
         let (at, scatter) = objective.ndt.linearise_with_scatter(objective.points, pose);
         let count = objective.points.len().max(1) as f32;
         let (axis, constraint) = self.weakest_axis(objective, pose);
-        let undetermined = (constraint < self.config.constraint_min).then_some(axis);
+        let undetermined = (constraint < CONSTRAINT_MIN).then_some(axis);
         let mut covariance = covariance(&at, &scatter);
         if let Some(axis) = undetermined {
             // Cells cut a smooth wall up and make an optimum where the scene has none: what the scene says is all there is.
@@ -274,7 +276,7 @@ impl<'m> ScanMatcher<'m> {
     fn settle(&self, objective: &Objective<'_, '_>, pose: Pose2) -> Pose2 {
         let (axis, constraint) = self.weakest_axis(objective, pose);
         let prior = &objective.prior;
-        if prior.position <= 0.0 || constraint >= self.config.constraint_trusted {
+        if prior.position <= 0.0 || constraint >= CONSTRAINT_TRUSTED {
             return pose;
         }
         let gain = 1.0 / (1.0 + self.variance_along(constraint, objective) * prior.position);
@@ -284,9 +286,9 @@ impl<'m> ScanMatcher<'m> {
     }
 
     /// Variance along an axis that the scene says little about, m²: that of a wall (4 cm) over the number of points that speak about
-    /// the axis, which is far too optimistic for very few points and therefore raised by (`constraint_trusted` / constraint)².
+    /// the axis, which is far too optimistic for very few points and therefore raised by ([`CONSTRAINT_TRUSTED`] / constraint)².
     fn variance_along(&self, constraint: f32, objective: &Objective<'_, '_>) -> f32 {
-        let doubt = self.config.constraint_trusted / constraint.max(1e-6);
+        let doubt = CONSTRAINT_TRUSTED / constraint.max(1e-6);
         let speaking = constraint.max(1e-6) * objective.points.len() as f32;
         SHARP_M * SHARP_M / speaking * doubt * doubt
     }
@@ -300,13 +302,13 @@ impl<'m> ScanMatcher<'m> {
     }
 }
 
-/// The best `count` members of a population that lie apart from one another, best first.
-fn candidates(population: &[Member<3>], size: usize, count: u16) -> heapless::Vec<[f32; 3], 8> {
-    let mut chosen = heapless::Vec::<[f32; 3], 8>::new();
-    for _ in 0..count {
+/// The best members of a population that lie apart from one another, best first.
+fn candidates(population: &[Member<3>], size: usize) -> heapless::Vec<[f32; 3], NEWTON_STARTS> {
+    let mut chosen = heapless::Vec::<[f32; 3], NEWTON_STARTS>::new();
+    for _ in 0..NEWTON_STARTS {
         let apart = |member: &&Member<3>| chosen.iter().all(|other| is_apart(&member.genes, other));
         let best = population.iter().take(size).filter(apart).min_by(|a, b| a.fitness.total_cmp(&b.fitness));
-        // There is room for the eight that the configuration allows.
+        // There is room for as many as the loop has rounds.
         let Some(Ok(())) = best.map(|member| chosen.push(member.genes)) else { break };
     }
     chosen
@@ -315,7 +317,7 @@ fn candidates(population: &[Member<3>], size: usize, count: u16) -> heapless::Ve
 /// Too far apart for Newton's method to climb to the same optimum as a matter of course.
 fn is_apart(a: &[f32; 3], b: &[f32; 3]) -> bool {
     let ([ax, ay, ah], [bx, by, bh]) = (a, b);
-    hypot(ax - bx, ay - by) > 0.05 || (ah - bh).abs() > 0.01
+    hypot(ax - bx, ay - by) > APART_M || (ah - bh).abs() > APART_RAD
 }
 
 /// So many of the points, spread evenly; none if all are to be looked at.

@@ -30,17 +30,9 @@ crate::config! {
         lateral_m: f32 = 0.00005, in 0.0..=1.0;
         /// Heading, degrees.
         heading_deg: f32 = 0.0005, in 0.0..=45.0;
-        /// More forward and lateral noise per metre driven.
-        per_metre: f32 = 0.0, in 0.0..=1.0;
-        /// More heading noise per radian turned.
-        per_radian: f32 = 0.0, in 0.0..=1.0;
         /// Along an axis that the scene leaves undetermined, m, instead of believing the matcher. Fitted: 0.013 on Intel, 0.022 on ACES. The
         /// thesis: 0, none.
         undetermined_m: f32 = 0.0125, in 0.0..=2.0;
-        /// The matcher's own standard deviations are added times this. The thesis: 0, none.
-        covariance_gain: f32 = 0.0, in 0.0..=100.0;
-        /// … but no more than this along any axis, m and rad alike.
-        covariance_max: f32 = 0.1, in 0.001..=2.0;
     }
 }
 
@@ -49,25 +41,16 @@ crate::config! {
 pub struct MatchedMotion {
     /// Pose of the robot now, seen from where it was.
     pub previous_from_robot: Pose2,
-    /// Covariance of (x, y, heading); m², m rad, rad².
-    pub covariance: Matrix3<f32>,
     /// Unit vector about which the scene says nothing.
     pub undetermined: Option<Point2>,
 }
 
 impl MatchedMotion {
-    /// The same in the robot's frame from what a matcher found in its map: poses before and now, covariance and axis there.
-    pub fn from_map(
-        map_from_previous: Pose2,
-        map_from_robot: Pose2,
-        covariance: &Matrix3<f32>,
-        undetermined: Option<Point2>,
-    ) -> Self {
+    /// The same in the robot's frame from what a matcher found in its map: poses before and now, and the axis there.
+    pub fn from_map(map_from_previous: Pose2, map_from_robot: Pose2, undetermined: Option<Point2>) -> Self {
         let (sin, cos) = sin_cos(-map_from_previous.heading);
-        let turn = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
         Self {
             previous_from_robot: map_from_previous.between(map_from_robot),
-            covariance: turn * covariance * turn.transpose(),
             undetermined: undetermined
                 .map(|axis| Point2::new(cos * axis.x - sin * axis.y, sin * axis.x + cos * axis.y)),
         }
@@ -76,7 +59,7 @@ impl MatchedMotion {
 
 /// Table 4.7: the matched displacement with Gaussian noise on each of its three numbers.
 ///
-/// Departures: noise may be correlated (widened along an undetermined axis, and by the match's covariance); lines 4–7 of the table,
+/// Departures: noise may be correlated (widened along an undetermined axis); lines 4–7 of the table,
 /// d cos(θ + atan2(Δŷ, Δx̂)), are a rotation by θ and are written as one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScanMatchingMotion {
@@ -89,15 +72,12 @@ impl ScanMatchingMotion {
     /// The model for one match.
     pub fn new(config: &ScanMatchingMotionConfig, matched: &MatchedMotion) -> Self {
         let displacement = matched.previous_from_robot;
-        let travel = config.per_metre * displacement.position().norm();
-        let heading = config.heading_deg.to_radians() + config.per_radian * displacement.heading.abs();
-        let deviations = Vector3::new(config.forward_m + travel, config.lateral_m + travel, heading);
+        let deviations = Vector3::new(config.forward_m, config.lateral_m, config.heading_deg.to_radians());
         let mut covariance = Matrix3::from_diagonal(&deviations.component_mul(&deviations));
         if let Some(axis) = matched.undetermined {
             let along = Vector3::new(axis.x, axis.y, 0.0) * config.undetermined_m;
             covariance += along * along.transpose();
         }
-        covariance += limited(&matched.covariance, config);
         Self { displacement, noise: lower_triangle(&covariance) }
     }
 }
@@ -109,16 +89,6 @@ impl Motion for ScanMatchingMotion {
         let Pose2 { x, y, heading } = self.displacement;
         map_from_robot * Pose2::new(x + noise.x, y + noise.y, heading + noise.z)
     }
-}
-
-/// The match's covariance times the squared gain, at most `covariance_max` squared in every direction: in parallel with it, as
-/// resistors are. Zero if there is nothing to invert.
-fn limited(covariance: &Matrix3<f32>, config: &ScanMatchingMotionConfig) -> Matrix3<f32> {
-    let gain = config.covariance_gain * config.covariance_gain;
-    let limit = 1.0 / (config.covariance_max * config.covariance_max);
-    let information = (covariance * gain).try_inverse().filter(|_| gain > 0.0);
-    let limited = information.and_then(|own| (own + Matrix3::from_diagonal_element(limit)).try_inverse());
-    limited.filter(|matrix| matrix.iter().all(|entry| entry.is_finite())).unwrap_or_else(Matrix3::zeros)
 }
 
 /// Cholesky's factor; columns without variance of their own stay zero.

@@ -13,17 +13,6 @@ use crate::ancestry::NodeId;
 use crate::geometry::Pose2;
 use crate::math::{exp_neg, uniform};
 
-crate::config_choice! {
-    /// How survivors are drawn.
-    pub enum Resampling {
-        /// One random number, equal steps (low variance): a sample of weight w is drawn ⌊w P⌋ or ⌈w P⌉ times.
-        Systematic = "systematic",
-        /// Every draw on its own (the thesis).
-        Multinomial = "multinomial",
-    }
-    choices "\"systematic\" or \"multinomial\""
-}
-
 /// A pose with a map. All zero when unused.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Particle {
@@ -115,13 +104,11 @@ pub fn normalise(samples: &mut [Sample]) -> Option<Weights> {
 
 /// Draws `draws` times among the samples by weight, and writes down how often each was drawn (thesis §4.2, step 4).
 ///
+/// Departure: in equal steps, where the thesis makes every draw on its own, which adds noise for nothing.
 /// Weights must have been [normalised](normalise); no more than `draws` different samples survive.
-pub fn resample(scheme: Resampling, samples: &mut [Sample], draws: u16, rng: &mut impl Rng) {
+pub fn resample(samples: &mut [Sample], draws: u16, rng: &mut impl Rng) {
     samples.iter_mut().for_each(|sample| sample.draws = 0);
-    let left = match scheme {
-        Resampling::Systematic => draw_in_steps(samples, draws, rng),
-        Resampling::Multinomial => draw_one_by_one(samples, draws, rng),
-    };
+    let left = draw_in_steps(samples, draws, rng);
     // Weights may add up to a little less than 1.
     let heaviest = samples.iter_mut().max_by(|a, b| a.weight.total_cmp(&b.weight));
     if let Some(sample) = heaviest.filter(|_| left > 0) {
@@ -141,24 +128,6 @@ fn draw_in_steps(samples: &mut [Sample], draws: u16, rng: &mut impl Rng) -> u16 
         }
     }
     draws - drawn
-}
-
-/// Multinomial resampling in one pass: the largest of n uniform numbers is the n-th root of one, the next the (n − 1)-th root
-/// of another times that, and so on downwards; returns the draws that rounding left over.
-fn draw_one_by_one(samples: &mut [Sample], draws: u16, rng: &mut impl Rng) -> u16 {
-    let mut left = draws;
-    let mut next = |left: u16| exp_neg(libm::logf(1.0 - uniform(rng)) / f32::from(left.max(1)));
-    let mut threshold = next(left);
-    let mut remaining = 1.0;
-    for sample in samples.iter_mut().rev() {
-        remaining -= sample.weight;
-        while left > 0 && threshold > remaining {
-            sample.draws += 1;
-            left -= 1;
-            threshold *= next(left);
-        }
-    }
-    left
 }
 
 #[cfg(test)]
@@ -203,42 +172,11 @@ mod tests {
         ) {
             let mut nine = samples(log_weights);
             normalise(&mut nine);
-            resample(Resampling::Systematic, &mut nine, draws, &mut RandomStream::new(seed, 0, 0));
+            resample(&mut nine, draws, &mut RandomStream::new(seed, 0, 0));
             prop_assert_eq!(nine.iter().map(|s| s.draws).sum::<u16>(), draws);
             for sample in nine {
                 prop_assert!((f32::from(sample.draws) - sample.weight * f32::from(draws)).abs() < 1.01);
             }
-        }
-
-        #[test]
-        fn multinomial_draws_are_all_made(
-            log_weights in prop::array::uniform9(-60.0..0.0_f32), draws in 0..200_u16, seed in any::<u64>(),
-        ) {
-            let mut nine = samples(log_weights);
-            normalise(&mut nine);
-            resample(Resampling::Multinomial, &mut nine, draws, &mut RandomStream::new(seed, 0, 0));
-            prop_assert_eq!(nine.iter().map(|s| s.draws).sum::<u16>(), draws);
-        }
-    }
-
-    #[test]
-    fn multinomial_draws_have_the_binomial_mean_and_variance() {
-        let (n, runs) = (20_u16, 20_000);
-        let mut sums = [[0.0_f64; 2]; 3];
-        let mut three = samples([0.0, -1.0, -2.5]);
-        normalise(&mut three);
-        for run in 0..runs {
-            resample(Resampling::Multinomial, &mut three, n, &mut RandomStream::new(4, run, 0));
-            for (sum, sample) in sums.iter_mut().zip(&three) {
-                sum[0] += f64::from(sample.draws) / f64::from(runs);
-                sum[1] += f64::from(sample.draws) * f64::from(sample.draws) / f64::from(runs);
-            }
-        }
-        for ([mean, square], sample) in sums.into_iter().zip(&three) {
-            let w = f64::from(sample.weight);
-            let (expected, variance) = (f64::from(n) * w, f64::from(n) * w * (1.0 - w));
-            assert!((mean - expected).abs() < 0.06, "{mean} {expected}");
-            assert!((square - mean * mean - variance).abs() < 0.12, "{} {variance}", square - mean * mean);
         }
     }
 }

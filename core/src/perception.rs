@@ -24,17 +24,6 @@ crate::config! {
         /// σ of eq. (3.38): distance of a ray's end from the square it stopped in, m. Laser's noise, the square's size and
         /// what the map is off. The thesis: the laser's at the low level, 0.07 at the high one; the original: 0.13 and 0.41.
         sigma_m: f32 = 0.1, in 0.005..=2.0;
-        /// How far about the measured end squares count, in σ. Larger is slower. The original: 4.4.
-        reach_sigmas: f32 = 3.0, in 1.0..=6.0;
-        /// Least likelihood of one ray, of at most 1: so that somebody walking by cannot kill a particle. The original: 0.316.
-        floor: f32 = 0.3, in 0.000001..=1.0;
-        /// Mean distance that a ray runs through squares never seen before it stops, m. The original: 8.0.
-        unseen_free_m: f32 = 8.0, in 0.1..=1000.0;
-        /// Weight of that prior beside what was seen: as if rays had run so far in every square, m. The original: 0.11.
-        prior_distance_m: f32 = 0.1, in 0.001..=10.0;
-        /// Divide by the chance that the ray stops at all before its measured end plus reach, as the original does. The thesis's
-        /// eq. (3.39) does not: then a wall where the map has none counts against the pose.
-        given_stop: bool = false;
         /// Every so many rays are looked at, others at the next step; cost is in inverse proportion. The thesis: 1.
         beam_step: u16 = 4, in 1..=100;
         /// The log-likelihood is multiplied by this: below 1 where beams are not independent, since they all share
@@ -43,12 +32,28 @@ crate::config! {
     }
 }
 
+/// How far about the measured end squares count, in σ. Chosen; the original: 4.4, which is slower.
+const REACH_SIGMAS: f32 = 3.0;
+/// Least likelihood of one ray, of at most 1: so that somebody walking by cannot kill a particle. The original: 0.316.
+const FLOOR: f32 = 0.3;
+/// Mean distance that a ray runs through squares never seen before it stops, m. Source: the original.
+const UNSEEN_FREE_M: f32 = 8.0;
+/// Weight of that prior beside what was seen: as if rays had run so far in every square, m. The original: 0.11.
+const PRIOR_DISTANCE_M: f32 = 0.1;
+
+/// How far past the measured end of a ray squares are looked at, m.
+pub fn reach_m(config: &PerceptionConfig) -> f32 {
+    REACH_SIGMAS * config.sigma_m
+}
+
 /// The model, its tables made ready for a size of squares; see the [module](self).
 #[derive(Debug, Clone)]
 pub struct PerceptionModel {
     config: PerceptionConfig,
     squares_per_metre: f32,
     reach_squares: f32,
+    /// Least likelihood of a ray.
+    floor: f32,
     /// τ beyond which a ray certainly ends at the floor.
     opaque: f32,
     /// Eq. (3.38) by distance from the measured end, [`GAUSSIAN_STEPS`] to the reach.
@@ -64,8 +69,12 @@ pub struct PerceptionModel {
 impl PerceptionModel {
     /// The model for squares of `square_size_m`.
     pub fn new(config: &PerceptionConfig, square_size_m: f32) -> Self {
+        Self::with_floor(config, square_size_m, FLOOR)
+    }
+
+    fn with_floor(config: &PerceptionConfig, square_size_m: f32, floor: f32) -> Self {
         let squares_per_metre = 1.0 / square_size_m;
-        let prior = config.prior_distance_m * squares_per_metre;
+        let prior = PRIOR_DISTANCE_M * squares_per_metre;
         let sigma = config.sigma_m * squares_per_metre;
         let mut distance = -1.0_f32;
         let inverse_distance = core::array::from_fn(|_| {
@@ -75,17 +84,18 @@ impl PerceptionModel {
         let mut off = -0.5_f32;
         let gaussian = core::array::from_fn(|_| {
             off += 1.0;
-            let sigmas = off * config.reach_sigmas / GAUSSIAN_STEPS as f32;
+            let sigmas = off * REACH_SIGMAS / GAUSSIAN_STEPS as f32;
             exp_neg(-0.5 * sigmas * sigmas)
         });
         Self {
             config: *config,
             squares_per_metre,
-            reach_squares: config.reach_sigmas * sigma,
-            opaque: if config.given_stop { f32::INFINITY } else { 0.01 - libm::logf(config.floor) },
+            reach_squares: REACH_SIGMAS * sigma,
+            opaque: 0.01 - libm::logf(floor),
+            floor,
             gaussian,
-            steps_per_unit: GAUSSIAN_STEPS as f32 / (config.reach_sigmas * sigma * UNITS_PER_SQUARE),
-            prior_hits: prior / (config.unseen_free_m * squares_per_metre),
+            steps_per_unit: GAUSSIAN_STEPS as f32 / (REACH_SIGMAS * sigma * UNITS_PER_SQUARE),
+            prior_hits: prior / (UNSEEN_FREE_M * squares_per_metre),
             inverse_distance,
         }
     }
@@ -95,7 +105,7 @@ impl PerceptionModel {
         self.reach_squares / self.squares_per_metre
     }
 
-    /// Logarithm of the likelihood of a scan in the map that `view` shows: 0 at best, `gain` · ln `floor` for each ray at worst.
+    /// Logarithm of the likelihood of a scan in the map that `view` shows: 0 at best, `gain` · ln [`FLOOR`] for each ray at worst.
     ///
     /// * `rays` — every `beam_step`-th is used; `map_from_lrf` — pose of the laser
     /// * a ray that hit something counts by eq. (3.39), one that did not by its chance to pass; the Gaussian of eq. (3.38)
@@ -126,7 +136,7 @@ impl PerceptionModel {
                 sin * ray.direction.x + cos * ray.direction.y,
             );
             let likelihood = self.ray_likelihood(view, start, direction, ray);
-            sum += libm::logf(if likelihood > self.config.floor { likelihood } else { self.config.floor });
+            sum += libm::logf(if likelihood > self.floor { likelihood } else { self.floor });
         }
         sum * self.config.gain
     }
@@ -179,13 +189,7 @@ impl PerceptionModel {
             likelihood += (transmission - left) * self.gaussian(chord.enter + chord.length() / 2 - end);
             transmission = left;
         }
-        if !self.config.given_stop {
-            likelihood
-        } else if transmission < 1.0 {
-            likelihood / (1.0 - transmission)
-        } else {
-            0.0
-        }
+        likelihood
     }
 
     /// Eq. (3.38) at `off` units from the measured end, 1 at its peak; 0 out of reach.

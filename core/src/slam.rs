@@ -87,9 +87,9 @@ pub struct StepReport {
     /// Where the robot is, in the map of the best particle; its path may change when another becomes the best.
     pub map_from_robot: Pose2,
     /// Matching.
-    pub odometry: laser_odometry::StepReport,
+    pub odometry: laser_odometry::OdometryReport,
     /// The filter's step, if it took one.
-    pub filter: Option<low_slam::StepReport>,
+    pub filter: Option<low_slam::FilterReport>,
 }
 
 /// See the [module](self).
@@ -211,7 +211,7 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
             let map_from_robot = self.map_from_best * previous.between(map_from_robot);
             return Ok(StepReport { map_from_robot, odometry, filter: None });
         }
-        let motion = MatchedMotion::from_map(previous, map_from_robot, &matched.covariance, self.undetermined);
+        let motion = MatchedMotion::from_map(previous, map_from_robot, self.undetermined);
         let motion = ScanMatchingMotion::new(&self.motion, &motion);
         let sweep = Sweep { scan: *scan, robot_from_lrf, motion: odometry.motion };
         let filter = self.filter.step_with(&sweep, &motion, weigh)?;

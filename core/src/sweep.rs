@@ -3,8 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::Pose2;
-use crate::scan::{Beam, RangeScan};
+use crate::geometry::{Point2, Pose2};
+use crate::scan::{Beam, Echo, RangeScan};
 use crate::time::Duration;
 
 /// Fastest motion at which a scan may be taken as a snapshot.
@@ -98,13 +98,25 @@ impl<'a> Sweep<'a> {
             Pose2::new(x * part, y * part, heading * part)
         }
     }
+
+    /// Tells for each beam what it would be if it were taken in the middle of the sweep, at time zero.
+    pub fn middle_beam(&self) -> impl Fn(&Beam) -> Beam + use<> {
+        let (middle_from_beam, range_max_m) = (self.middle_from_beam(), self.scan.range_max_m);
+        move |beam| {
+            let end = |range_m| middle_from_beam(beam).transform(Point2::from_polar(range_m, beam.bearing_rad));
+            let (bearing_rad, echo) = match beam.echo {
+                Echo::Hit(range_m) => (end(range_m).bearing_rad(), Echo::Hit(end(range_m).norm())),
+                Echo::Miss => (end(range_max_m).bearing_rad(), Echo::Miss),
+                Echo::Invalid => (beam.bearing_rad, Echo::Invalid),
+            };
+            Beam { bearing_rad, offset: Duration::ZERO, echo }
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Point2;
-    use crate::scan::Echo;
     use crate::time::Instant;
     use std::vec::Vec;
 

@@ -44,11 +44,6 @@ impl RobotScene {
         Self { caster, people, drive, laser_m }
     }
 
-    /// The same building with another robot.
-    pub fn with_drive(&self, drive: Drive) -> Self {
-        Self { drive, ..self.clone() }
-    }
-
     /// The robot's way.
     pub fn drive(&self) -> &Drive {
         &self.drive

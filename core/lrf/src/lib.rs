@@ -29,11 +29,11 @@
 pub mod clock;
 #[cfg(test)]
 mod desk;
+mod dialogue;
 pub mod driver;
 pub mod hokuyo_scip;
 pub mod ldrobot;
 pub mod rplidar;
-mod session;
 pub mod sick_lms;
 mod trouble;
 pub mod turn;

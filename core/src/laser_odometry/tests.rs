@@ -59,7 +59,7 @@ fn drive(
     path: impl Iterator<Item = Pose2>,
     robot_from_lrf: Pose2,
     seed: u64,
-) -> (Pose2, Vec<StepReport>) {
+) -> (Pose2, Vec<OdometryReport>) {
     let world = World::room();
     let mut rng = Pcg32::seed_from_u64(seed);
     let mut reports = Vec::new();
@@ -104,7 +104,7 @@ fn a_standing_robot_does_not_drift() {
     let mut memory = Memory::new(2000);
     let mut odometry = memory.odometry(&LaserOdometryConfig::default());
     let (_, reports) = drive(&mut odometry, (0..300).map(|_| Pose2::IDENTITY), Pose2::IDENTITY, 1);
-    let mean = |part: &[StepReport], of: fn(Pose2) -> f32| {
+    let mean = |part: &[OdometryReport], of: fn(Pose2) -> f32| {
         part.iter().map(|r| of(r.matched.map_from_robot)).sum::<f32>() / part.len() as f32
     };
     let drift = |of| mean(&reports[250..], of) - mean(&reports[1..51], of);
@@ -160,9 +160,9 @@ fn little_memory_is_reported_and_survived() {
 #[test]
 fn a_moving_window_of_scans_gives_its_tiles_back() {
     let mut memory = Memory::new(400);
-    let mut config = with_reference(Reference::RecentScans);
-    config.odometry.recent_scans = 3;
-    let mut odometry = memory.odometry(&config);
+    // Room for fewer scans than are asked for.
+    memory.key_scans.truncate(3);
+    let mut odometry = memory.odometry(&with_reference(Reference::RecentScans));
     let (_, reports) = drive(&mut odometry, (0..=480).map(circle), Pose2::IDENTITY, 1);
     assert!(reports.iter().all(|r| r.inserted.dropped == 0));
 }

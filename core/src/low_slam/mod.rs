@@ -8,7 +8,7 @@
 //! # Memory
 //! All of it is lent by the caller ([`LowSlamMemory`]) and nothing grows. When tiles run out, the least likely particles go
 //! until the tree has given enough back; their places are drawn anew at the next resampling. With one particle
-//! left, what finds no tile is left out. The [`StepReport`] says all of that. With P particles, 2P nodes are always enough; the
+//! left, what finds no tile is left out. The [`FilterReport`] says all of that. With P particles, 2P nodes are always enough; the
 //! filter takes no more particles than its memory has room for ([`LowSlam::particles_max`]).
 //!
 //! # Path
@@ -31,14 +31,14 @@ mod weighing;
 pub use memory::{LowSlamMemory, LowSlamMemoryError};
 pub use pools::LowSlamPools;
 pub use stretch::Stretch;
-pub use weighing::{RefinementConfig, Weighing};
+pub use weighing::Weighing;
 
 use self::stretch::OneScan;
 use crate::ancestry::{Ancestry, NodeId};
 use crate::distributed_map::{DistributedMap, ParticleMapConfig, Square, Window, WindowFrame};
 use crate::geometry::{Point2, Pose2};
 use crate::motion::Motion;
-use crate::particles::{self, Particle, Resampling, Sample, Weights};
+use crate::particles::{self, Particle, Sample, Weights};
 use crate::perception::{PerceptionConfig, PerceptionModel};
 use crate::random::RandomStream;
 use crate::rays::{Ray, RayCapacityError, RayConfig};
@@ -51,14 +51,13 @@ crate::config! {
         particles: u16 = 50, in 1..=10000;
         /// Poses tried for each particle kept, with one map: time is in proportion, memory is not. The thesis: 1; the original: 10.
         samples_per_particle: u16 = 1, in 1..=100;
-        /// Resample when the effective sample size falls below this share of P; 1: after every scan, as the thesis does. Between, weights
-        /// add up: particles are compared by several scans and fewer good ones die of chance, which is what closing a loop lives on. Ignored with
-        /// more samples than particles, where only resampling chooses who is kept.
-        resample_share: f32 = 0.5, in 0.0..=1.0;
-        /// How survivors are drawn. The thesis: "multinomial", which adds noise for nothing.
-        resampling: Resampling = Resampling::Systematic;
     }
 }
+
+/// Resampling waits until the effective sample size falls to this share of P. Between, weights add up: particles are compared by
+/// several scans and fewer good ones die of chance, which is what closing a loop lives on. The thesis: 1, after every scan. Not looked
+/// at with more samples than particles, where only resampling chooses who is kept.
+const RESAMPLE_SHARE: f32 = 0.5;
 
 /// The configuration of the low level with all its parts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -71,13 +70,11 @@ pub struct LowSlamConfigs {
     pub rays: RayConfig,
     /// Weights.
     pub perception: PerceptionConfig,
-    /// Proposal.
-    pub refinement: RefinementConfig,
 }
 
 /// What one step did.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct StepReport {
+pub struct FilterReport {
     /// Where the most likely particle is.
     pub map_from_robot: Pose2,
     /// Its index among [`LowSlam::particles`].
@@ -216,7 +213,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     ///
     /// # Errors
     /// [`RayCapacityError`] if the scan has more beams than memory was lent for.
-    pub fn step(&mut self, sweep: &Sweep<'_>, motion: &impl Motion) -> Result<StepReport, RayCapacityError> {
+    pub fn step(&mut self, sweep: &Sweep<'_>, motion: &impl Motion) -> Result<FilterReport, RayCapacityError> {
         self.step_with(sweep, motion, |weighing, samples, window| weighing.weigh_all(samples, window))
     }
 
@@ -233,7 +230,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         sweep: &Sweep<'_>,
         motion: &impl Motion,
         weigh: impl FnMut(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
-    ) -> Result<StepReport, RayCapacityError> {
+    ) -> Result<FilterReport, RayCapacityError> {
         self.step_along(&mut OneScan(*sweep), Pose2::IDENTITY, motion, weigh)
     }
 
@@ -250,7 +247,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         start_from_end: Pose2,
         motion: &impl Motion,
         mut weigh: impl FnMut(&Weighing<'_, 'm, SIDE>, &mut [Sample], &mut Window<'m>),
-    ) -> Result<StepReport, RayCapacityError> {
+    ) -> Result<FilterReport, RayCapacityError> {
         (0..stretch.len()).try_for_each(|index| self.take(stretch, index))?;
         if self.steps == 0 {
             // "first read? all particles at x = 0, y = 0, θ = 0", or wherever they were told to start
@@ -258,7 +255,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             let report = self.print_at(start, stretch);
             return report.map(|report| self.moved_by(start_from_end, report));
         }
-        let mut report = StepReport::default();
+        let mut report = FilterReport::default();
         self.predict(motion); // "predict, using motion model + particles t−1"
         for index in 0..stretch.len() {
             self.take_again(stretch, index)?;
@@ -275,14 +272,18 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     }
 
     /// Puts the only particle, which stands for all draws, at `map_from_robot`, and prints the scans there.
-    fn print_at(&mut self, map_from_robot: Pose2, stretch: &mut impl Stretch) -> Result<StepReport, RayCapacityError> {
+    fn print_at(
+        &mut self,
+        map_from_robot: Pose2,
+        stretch: &mut impl Stretch,
+    ) -> Result<FilterReport, RayCapacityError> {
         let draws = self.particles_max;
         self.sample_count = 1;
         if let (Some(sample), Some(particle)) = (self.samples.first_mut(), self.particles.first_mut()) {
             *sample = Sample { map_from_robot, draws, weight: 1.0, ..Sample::default() };
             particle.samples = [0, 1];
         }
-        let mut report = StepReport::default();
+        let mut report = FilterReport::default();
         self.advance();
         self.print_all(stretch, &mut report)?;
         self.steps = self.steps.saturating_add(1);
@@ -321,7 +322,6 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             particles: self.particles.get(..self.particle_count).unwrap_or_default(),
             rays: self.rays.get(first_ray.min(self.ray_count)..self.ray_count).unwrap_or_default(),
             model: &self.model,
-            refinement: &self.config.refinement,
             particle_from_lrf: self.particle_from_lrf,
             frame,
         };
@@ -330,12 +330,12 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
 
     /// Draws survivors if the weights have become too unequal, or there are too many samples; else all go on.
     fn resample(&mut self, weights: &Weights) -> bool {
-        let enough = self.config.filter.resample_share * f32::from(self.particles_max);
+        let enough = RESAMPLE_SHARE * f32::from(self.particles_max);
         let drawn = self.sample_count > self.particles_max() || weights.effective_sample_size <= enough;
         if drawn {
             let draws = self.particles_max;
             let mut rng = RandomStream::new(self.seed, self.steps, u32::MAX);
-            particles::resample(self.config.filter.resampling, self.samples_mut(), draws, &mut rng);
+            particles::resample(self.samples_mut(), draws, &mut rng);
         }
         for sample in self.samples_mut() {
             if drawn {
@@ -351,9 +351,8 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     /// The window of this step: all samples' positions, as far as the scan's longest ray goes about them.
     fn frame(&self) -> WindowFrame {
         let longest = self.rays.iter().take(self.ray_count).map(|ray| ray.length_m).fold(0.0, f32::max);
-        let refined = self.config.refinement.distance_max_m();
         let squares = 2.0 * self.config.map.square_size_m;
-        let reach = longest + self.model.reach_m() + self.particle_from_lrf.position().norm() + refined + squares;
+        let reach = longest + self.model.reach_m() + self.particle_from_lrf.position().norm() + squares;
         let (mut low, mut high) = (Point2::new(f32::MAX, f32::MAX), Point2::new(f32::MIN, f32::MIN));
         for pose in self.samples().iter().map(|sample| sample.map_from_robot).filter(|pose| pose.is_finite()) {
             low = Point2::new(low.x.min(pose.x), low.y.min(pose.y));

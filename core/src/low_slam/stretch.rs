@@ -4,7 +4,7 @@ use crate::geometry::Pose2;
 use crate::rays::{self, RayCapacityError};
 use crate::sweep::Sweep;
 
-use super::{LowSlam, StepReport};
+use super::{FilterReport, LowSlam};
 
 /// Scans along a stretch of the path whose poses are known relative to its start.
 pub trait Stretch {
@@ -52,7 +52,7 @@ impl<const SIDE: usize> LowSlam<'_, SIDE> {
     pub(super) fn print_all(
         &mut self,
         stretch: &mut impl Stretch,
-        report: &mut StepReport,
+        report: &mut FilterReport,
     ) -> Result<(), RayCapacityError> {
         for index in 0..stretch.len() {
             self.take_again(stretch, index)?;
@@ -63,14 +63,14 @@ impl<const SIDE: usize> LowSlam<'_, SIDE> {
     }
 
     /// At the end of a stretch: the particles, and what is reported of them.
-    pub(super) fn moved_by(&mut self, start_from_end: Pose2, report: StepReport) -> StepReport {
+    pub(super) fn moved_by(&mut self, start_from_end: Pose2, report: FilterReport) -> FilterReport {
         if start_from_end == Pose2::IDENTITY {
             return report;
         }
         for particle in self.particles.iter_mut().take(self.particle_count) {
             particle.map_from_robot = particle.map_from_robot * start_from_end;
         }
-        StepReport {
+        FilterReport {
             map_from_robot: report.map_from_robot * start_from_end,
             mean_map_from_robot: report.mean_map_from_robot * start_from_end,
             ..report

@@ -5,7 +5,7 @@ use crate::distributed_map::{DistributedMap, Print, Window, WindowFrame};
 use crate::geometry::Pose2;
 use crate::particles::{Particle, Weights};
 
-use super::{LowSlam, StepReport};
+use super::{FilterReport, LowSlam};
 
 /// How a full pool was dealt with.
 enum Room {
@@ -62,7 +62,13 @@ impl<const SIDE: usize> Population<'_, '_, SIDE> {
     }
 
     /// Prints into the map of the particle that `window` shows, making room where there is none; false if it must go itself.
-    fn print(&mut self, index: usize, mut print: Print<'_>, window: &mut Window<'_>, report: &mut StepReport) -> bool {
+    fn print(
+        &mut self,
+        index: usize,
+        mut print: Print<'_>,
+        window: &mut Window<'_>,
+        report: &mut FilterReport,
+    ) -> bool {
         loop {
             let Ok(printed) = print.run(self.map, window) else {
                 match self.make_room(index) {
@@ -154,7 +160,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     }
 
     /// Prints the scan into every particle's map. Particles for whose map there is no room go.
-    pub(super) fn print(&mut self, frame: WindowFrame, report: &mut StepReport) {
+    pub(super) fn print(&mut self, frame: WindowFrame, report: &mut FilterReport) {
         let phase = self.phase();
         let rays = self.rays.get(..self.ray_count).unwrap_or_default();
         let mut population = Population {
@@ -201,7 +207,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         dropped
     }
 
-    pub(super) fn finish(&self, weights: &Weights, report: &mut StepReport) {
+    pub(super) fn finish(&self, weights: &Weights, report: &mut FilterReport) {
         let particles = self.particles();
         let best = particles.iter().enumerate().rev().max_by(|(_, a), (_, b)| a.weight.total_cmp(&b.weight));
         if let Some((index, particle)) = best {

@@ -9,25 +9,6 @@ use crate::particles::{Particle, Sample};
 use crate::perception::PerceptionModel;
 use crate::rays::Ray;
 
-crate::config! {
-    /// Improved proposal: each sample climbs the likelihood in its own map before it is weighed.
-    pub struct RefinementConfig {
-        /// Rounds of hill climbing, six poses tried in each; time grows by so many weighings. The thesis: 0, none.
-        rounds: u16 = 0, in 0..=50;
-        /// First step forward and sideways, m; halved whenever no neighbour is better.
-        step_m: f32 = 0.02, in 0.001..=1.0;
-        /// First step of the heading, degrees.
-        step_deg: f32 = 0.5, in 0.01..=20.0;
-    }
-}
-
-impl RefinementConfig {
-    /// A pose moves no farther than this, m.
-    pub(super) fn distance_max_m(&self) -> f32 {
-        f32::from(self.rounds) * self.step_m
-    }
-}
-
 /// A step's work of weighing: shared by all threads, changes nothing but the samples given to it.
 #[derive(Debug, Clone, Copy)]
 pub struct Weighing<'a, 'm, const SIDE: usize> {
@@ -36,7 +17,6 @@ pub struct Weighing<'a, 'm, const SIDE: usize> {
     pub(super) particles: &'a [Particle],
     pub(super) rays: &'a [Ray],
     pub(super) model: &'a PerceptionModel,
-    pub(super) refinement: &'a RefinementConfig,
     pub(super) particle_from_lrf: Pose2,
     pub(super) frame: WindowFrame,
 }
@@ -86,46 +66,12 @@ impl<const SIDE: usize> Weighing<'_, '_, SIDE> {
             }
             let view = MapView::new(self.map, window);
             for sample in own {
-                self.weigh_sample(view, sample);
+                sample.log_weight += self.log_likelihood(view, sample.map_from_robot);
             }
         }
-    }
-
-    fn weigh_sample(&self, view: MapView<'_, '_, SIDE>, sample: &mut Sample) {
-        let (map_from_robot, log_likelihood) = self.refine(view, sample.map_from_robot);
-        sample.map_from_robot = map_from_robot;
-        sample.log_weight += log_likelihood;
-    }
-
-    /// Climbs from `start`: the best of six neighbours if it is better, else half the step. Returns the pose and its log-likelihood.
-    ///
-    /// The improved pose is weighed as if it had been drawn (as GMapping does): what the motion model thinks of it is not
-    /// looked at again, so steps should stay within its spread.
-    fn refine(&self, view: MapView<'_, '_, SIDE>, start: Pose2) -> (Pose2, f32) {
-        let (mut pose, mut best) = (start, self.log_likelihood(view, start));
-        let (mut step_m, mut step_rad) = (self.refinement.step_m, self.refinement.step_deg.to_radians());
-        for _ in 0..self.refinement.rounds {
-            let centre = pose;
-            let found = best;
-            for [x, y, heading] in NEIGHBOURS {
-                let neighbour = centre * Pose2::new(x * step_m, y * step_m, heading * step_rad);
-                let there = self.log_likelihood(view, neighbour);
-                if there > best {
-                    (pose, best) = (neighbour, there);
-                }
-            }
-            if best == found {
-                step_m *= 0.5;
-                step_rad *= 0.5;
-            }
-        }
-        (pose, best)
     }
 
     fn log_likelihood(&self, view: MapView<'_, '_, SIDE>, map_from_robot: Pose2) -> f32 {
         self.model.log_likelihood(view, self.rays, map_from_robot * self.particle_from_lrf)
     }
 }
-
-const NEIGHBOURS: [[f32; 3]; 6] =
-    [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]];

@@ -10,8 +10,7 @@ use crate::time::Instant;
 use rand_core::SeedableRng;
 use rand_pcg::Pcg32;
 
-const NDT: NdtConfig =
-    NdtConfig { cell_size_m: 0.5, grids: 4, points_min: 3, count_max: 240, eigenvalue_ratio_min: 0.001, noise_m: 0.02 };
+const NDT: NdtConfig = NdtConfig { cell_size_m: 0.5, grids: 4, noise_m: 0.02 };
 
 fn points(world: &World, pose: Pose2, radius_m: f32, range_max_m: f32, rng: &mut Pcg32) -> Vec<Point2> {
     points_with(world, pose, radius_m, (range_max_m, 0.01), rng)

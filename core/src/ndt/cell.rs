@@ -12,6 +12,12 @@ const MEAN_UNITS_PER_CELL: f32 = 65_536.0;
 const FROZEN: u16 = 1 << 15;
 /// −½ log₂ e: turns a squared Mahalanobis distance into the exponent of a power of two.
 const MINUS_HALF_LOG2_E: f32 = -0.5 * core::f32::consts::LOG2_E;
+/// Points that a cell needs before it counts. Source: thesis 2.3.3.
+pub(super) const POINTS_MIN: u16 = 3;
+/// Points at which a cell's sums are halved, so that old evidence fades: 255 points half a cell from its centre would fill a sum.
+const COUNT_MAX: u16 = 240;
+/// The smaller eigenvalue of a covariance is at least this share of the larger. Source: Biber & Straßer 2003.
+const EIGENVALUE_RATIO_MIN: f32 = 0.001;
 /// An axis of a distribution with this standard deviation, or less, says all about its direction that an axis can, m.
 pub(crate) const SHARP_M: f32 = 0.04;
 
@@ -68,9 +74,9 @@ impl CellSums {
         self.count == 0
     }
 
-    /// From now on no point is added or removed, if there are `points_min`.
-    pub(super) fn freeze(&mut self, points_min: u16) {
-        if self.count >= points_min {
+    /// From now on no point is added or removed, if there are [`POINTS_MIN`].
+    pub(super) fn freeze(&mut self) {
+        if self.count >= POINTS_MIN {
             self.count |= FROZEN;
         }
     }
@@ -80,9 +86,9 @@ impl CellSums {
         self.count & FROZEN != 0
     }
 
-    /// Halves the evidence once it has reached `count_max` points.
-    pub(super) fn fade(&mut self, count_max: u16) {
-        if self.count >= count_max {
+    /// Halves the evidence once it has reached [`COUNT_MAX`] points.
+    pub(super) fn fade(&mut self) {
+        if self.count >= COUNT_MAX {
             self.count /= 2;
             (self.x, self.y) = (self.x / 2, self.y / 2);
             for sum in [&mut self.xx, &mut self.xy, &mut self.yy] {
@@ -93,7 +99,7 @@ impl CellSums {
 
     /// Mean and covariance, guarded; an empty distribution if there are too few points.
     pub(super) fn gaussian(&self, config: &NdtConfig) -> Gaussian {
-        if self.count < config.points_min {
+        if self.count < POINTS_MIN {
             return Gaussian::EMPTY;
         }
         let n = f32::from(self.count);
@@ -105,8 +111,7 @@ impl CellSums {
         let xy = (self.xy.get() as f32 / n - mx * my) * scale;
         // The conversion saturates.
         let mean = [mx, my].map(|mean| floor(mean * (MEAN_UNITS_PER_CELL / UNITS_PER_CELL) + 0.5) as f32 as i16);
-        scaled_inverse(xx, xy, yy, config.eigenvalue_ratio_min)
-            .map_or(Gaussian::EMPTY, |scaled| Gaussian { mean, scaled })
+        scaled_inverse(xx, xy, yy, EIGENVALUE_RATIO_MIN).map_or(Gaussian::EMPTY, |scaled| Gaussian { mean, scaled })
     }
 }
 

@@ -147,9 +147,8 @@ impl<'m> NdtGrid<'m> {
 
     /// Every cell that counts now stays as it is: later points are left out there, and change only what had too few points so far.
     pub fn freeze(&mut self) {
-        let points_min = self.config.points_min;
         let cells = self.tiles.iter_mut().take(usize::from(self.taken)).flat_map(|tile| &mut tile.sums);
-        cells.for_each(|sums| sums.freeze(points_min));
+        cells.for_each(|sums| sums.freeze());
     }
 
     /// The configuration it was made with.
@@ -215,7 +214,7 @@ impl<'m> NdtGrid<'m> {
             return true;
         }
         sums.update(u - column as f32 - 0.5, v - row as f32 - 0.5, sign);
-        sums.fade(self.config.count_max);
+        sums.fade();
         *gaussian = sums.gaussian(&self.config);
         if tile.sums.iter().all(CellSums::is_empty) {
             self.give_back(place, index);

@@ -30,12 +30,6 @@ crate::config! {
         /// Grids that overlap, averaged: a second one is shifted by half a cell in x and y, a third in x, a fourth in y (Biber has all four).
         /// More are smoother and more accurate, memory and time are in proportion; the search for a match uses the first one only.
         grids: u16 = 4, in 1..=4;
-        /// Points that a cell needs before it counts. Thesis 2.3.3: 3.
-        points_min: u16 = 3, in 2..=100;
-        /// Points at which a cell's sums are halved, so that old evidence fades.
-        count_max: u16 = 240, in 8..=240;
-        /// The smaller eigenvalue of a covariance is at least this share of the larger. Biber: 0.001.
-        eigenvalue_ratio_min: f32 = 0.001, in 0.000001..=1.0;
         /// Standard deviation added to every cell in both directions, m: the error of the poses the points were seen from. Larger is
         /// smoother: fewer false optima, less precise ones. Thesis: 0.
         noise_m: f32 = 0.03, in 0.0..=1.0;

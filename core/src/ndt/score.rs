@@ -30,7 +30,7 @@ pub struct Linearisation {
 pub struct Scatter {
     /// Covariance of [`Linearisation::gradient`], (x, y, heading), map frame.
     pub gradient: Matrix3<f32>,
-    /// Runs of points that it was seen from, per layer.
+    /// Streaks of points that it was seen from, per layer.
     pub runs: f32,
 }
 
@@ -179,7 +179,7 @@ impl NdtGrid<'_> {
     ///
     /// Source: Liang & Zeger 1986 (clusters of dependent errors); a cluster is a run here.
     pub fn linearise_with_scatter(&self, points: &[Point2], map_from_robot: Pose2) -> (Linearisation, Scatter) {
-        let mut runs = Runs::default();
+        let mut runs = Streaks::default();
         let sums = self.sums(points, map_from_robot, Some(&mut runs));
         let (share, cell_size_m) = (self.share(), self.config().cell_size_m);
         runs.open.iter_mut().for_each(|run| run.close(&mut runs.scatter));
@@ -193,7 +193,7 @@ impl NdtGrid<'_> {
 
     /// One copy for both: flash is dear on a small robot.
     #[inline(never)]
-    fn sums<'a>(&'a self, points: &[Point2], map_from_robot: Pose2, mut runs: Option<&mut Runs<'a>>) -> Sums {
+    fn sums<'a>(&'a self, points: &[Point2], map_from_robot: Pose2, mut runs: Option<&mut Streaks<'a>>) -> Sums {
         let mut sums = Sums::default();
         self.for_each_cell(points, Rotated::new(map_from_robot), |layer, gaussian, d, in_map| {
             let arm = Point2::new(in_map.x - map_from_robot.x, in_map.y - map_from_robot.y);
@@ -287,19 +287,19 @@ fn in_si([xx, xy, xh, yy, yh, hh]: [f32; 6], cell_size_m: f32) -> Matrix3<f32> {
 
 /// Points that follow one another in a cell, the last ones on each layer, and the scatter of those before; lengths in cells.
 #[derive(Default)]
-struct Runs<'a> {
-    open: [Run<'a>; 4],
+struct Streaks<'a> {
+    open: [Streak<'a>; 4],
     scatter: [f32; 6],
     count: f32,
 }
 
 #[derive(Default)]
-struct Run<'a> {
+struct Streak<'a> {
     cell: Option<&'a Gaussian>,
     slope: [f32; 3],
 }
 
-impl<'a> Runs<'a> {
+impl<'a> Streaks<'a> {
     #[inline(never)]
     fn add(&mut self, layer: u32, gaussian: &'a Gaussian, slope: [f32; 3]) {
         let Some(run) = self.open.get_mut(layer as usize) else { return };
@@ -312,7 +312,7 @@ impl<'a> Runs<'a> {
     }
 }
 
-impl Run<'_> {
+impl Streak<'_> {
     #[inline(never)]
     fn close(&mut self, scatter: &mut [f32; 6]) {
         let [x, y, h] = core::mem::take(&mut self.slope);

@@ -8,8 +8,7 @@ use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 
-const SINGLE: NdtConfig =
-    NdtConfig { cell_size_m: 0.5, grids: 1, points_min: 3, count_max: 240, eigenvalue_ratio_min: 0.001, noise_m: 0.02 };
+const SINGLE: NdtConfig = NdtConfig { cell_size_m: 0.5, grids: 1, noise_m: 0.02 };
 
 /// Memory for a grid of 32 × 32 tiles.
 struct Memory {
@@ -49,7 +48,7 @@ fn naive_score(config: &NdtConfig, reference: &[Point2], points: &[Point2], pose
         let p = (f64::from(pose.x) + cos * x - sin * y, f64::from(pose.y) + sin * x + cos * y);
         let members: Vec<_> = reference.iter().filter(|q| cell(**q) == cell(p)).collect();
         let n = members.len() as f64;
-        if n < f64::from(config.points_min) {
+        if n < f64::from(cell::POINTS_MIN) {
             continue;
         }
         let mean = (members.iter().map(|q| q.0).sum::<f64>() / n, members.iter().map(|q| q.1).sum::<f64>() / n);
@@ -253,7 +252,7 @@ fn what_a_scene_says_does_not_depend_on_how_sharp_the_cells_are() {
         (0..200).flat_map(|i| [-1.0, 1.0].map(|y| Point2::new(0.05 * i as f32 - 5.0, y + 0.13))).collect();
     for noise_m in [0.005, 0.015, 0.025, 0.04] {
         let (mut memory, mut other_memory) = (Memory::new(80), Memory::new(80));
-        let config = NdtConfig { cell_size_m: 0.3, noise_m, grids: 1, ..SINGLE };
+        let config = NdtConfig { cell_size_m: 0.3, noise_m, grids: 1 };
         let (mut grid, mut other) = (memory.grid(&config), other_memory.grid(&config));
         grid.insert(&corner(), Pose2::IDENTITY);
         let [xx, _, yy] = grid.constraint(&corner(), Pose2::IDENTITY);

@@ -51,7 +51,7 @@ fn oracle(config: &PerceptionConfig, view: MapView<'_, '_, SIDE>, ray: &Ray, pos
     let angle = f64::from(pose.heading) + f64::from(ray.direction.y).atan2(f64::from(ray.direction.x));
     let size = f64::from(SIZE);
     let (sigma, end) = (f64::from(config.sigma_m), f64::from(ray.length_m));
-    let last = if ray.hit { end + f64::from(config.reach_sigmas) * sigma } else { end };
+    let last = if ray.hit { end + f64::from(REACH_SIGMAS) * sigma } else { end };
     let mut stops = Vec::new();
     for x in 0..256 {
         for y in 0..256 {
@@ -64,9 +64,8 @@ fn oracle(config: &PerceptionConfig, view: MapView<'_, '_, SIDE>, ray: &Ray, pos
             let (enter, leave) = (column.0.max(row.0).max(0.0), column.1.min(row.1).min(last));
             if leave > enter {
                 let square = view.square(x, y);
-                let distance = f64::from(square.distance()) / 8.0 * size + f64::from(config.prior_distance_m);
-                let hits =
-                    f64::from(square.hits()) + f64::from(config.prior_distance_m) / f64::from(config.unseen_free_m);
+                let distance = f64::from(square.distance()) / 8.0 * size + f64::from(PRIOR_DISTANCE_M);
+                let hits = f64::from(square.hits()) + f64::from(PRIOR_DISTANCE_M) / f64::from(UNSEEN_FREE_M);
                 stops.push((enter, leave, hits / distance));
             }
         }
@@ -76,25 +75,21 @@ fn oracle(config: &PerceptionConfig, view: MapView<'_, '_, SIDE>, ray: &Ray, pos
     for (enter, leave, density) in stops {
         let stop = 1.0 - (-density * (leave - enter)).exp();
         let off = (enter + leave) / 2.0 - end;
-        if off.abs() < f64::from(config.reach_sigmas) * sigma {
+        if off.abs() < f64::from(REACH_SIGMAS) * sigma {
             likelihood += pass * stop * (-off * off / (2.0 * sigma * sigma)).exp();
         }
         pass *= 1.0 - stop;
     }
-    match (ray.hit, config.given_stop) {
-        (false, _) => pass,
-        (true, false) => likelihood,
-        (true, true) => likelihood / (1.0 - pass),
-    }
+    if ray.hit { likelihood } else { pass }
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]
-    fn likelihood_is_that_of_the_equations(seed in any::<u64>(), given_stop: bool) {
+    fn likelihood_is_that_of_the_equations(seed in any::<u64>()) {
         let mut rng = RandomStream::new(seed, 0, 0);
-        let config = PerceptionConfig { floor: 1e-6, given_stop, gain: 1.0, ..PerceptionConfig::default() };
-        let model = PerceptionModel::new(&config, SIZE);
+        let config = PerceptionConfig { gain: 1.0, ..PerceptionConfig::default() };
+        let model = PerceptionModel::with_floor(&config, SIZE, 1e-6);
         let mut pose = || {
             let (x, y) = (uniform(&mut rng) - 0.5, uniform(&mut rng) - 0.5);
             Pose2::new(x, y, 6.0 * uniform(&mut rng))
@@ -151,7 +146,7 @@ fn one_ray_takes_no_more_than_the_floor_allows() {
     with_map(&[(room(3.0, at, 180), at)], |view| {
         let wrong = [Ray { direction: Point2::new(1.0, 0.0), length_m: 1.0, hit: true }];
         let value = model.log_likelihood(view, &wrong, at);
-        assert!((value - libm::logf(PerceptionConfig::default().floor)).abs() < 1e-6);
+        assert!((value - libm::logf(FLOOR)).abs() < 1e-6);
     });
 }
 

@@ -44,8 +44,6 @@ macro_rules! slam_sections {
                 rays: $crate::rays::RayConfig,
                 /// Weights of the particles.
                 perception: $crate::perception::PerceptionConfig,
-                /// Improved proposal of the particles.
-                refinement: $crate::low_slam::RefinementConfig,
             }
         }
     };
@@ -112,7 +110,7 @@ impl SlamConfig {
 
     /// The part for the particles.
     pub fn low_slam(&self) -> LowSlamConfigs {
-        let Self { particles: filter, particle_map: map, rays, perception, refinement, .. } = *self;
-        LowSlamConfigs { filter, map, rays, perception, refinement }
+        let Self { particles: filter, particle_map: map, rays, perception, .. } = *self;
+        LowSlamConfigs { filter, map, rays, perception }
     }
 }

@@ -15,7 +15,7 @@ use lrfslam_robot::{LaserConfig, ReportConfig, RobotConfig};
 use serde::{Deserialize, Serialize};
 
 use lrfslam_host::localize::{LocalizeConfig, LocalizerConfig};
-use lrfslam_host::mapping::high::{HighConfig, HighParticlesConfig, SegmentConfig};
+use lrfslam_host::mapping::high::HighConfig;
 use lrfslam_host::mapping::saved_map::{self, SavedMap, SavedMapError};
 use lrfslam_host::mapping::{HierarchyConfig, MappingConfig, MemoryConfig};
 use lrfslam_host::maps::occupancy::MapConfig;
@@ -121,12 +121,8 @@ lrfslam_core::slam_sections!(run_config! {
         report: ReportConfig,
         /// High level.
         high: HighConfig,
-        /// Segments of the path.
-        segment: SegmentConfig,
         /// Closing of loops.
         closure: ClosureConfig,
-        /// Particles of the high level.
-        high_particles: HighParticlesConfig,
         /// Localisation.
         localize: LocalizeConfig,
         /// Memory.
@@ -185,6 +181,15 @@ pub enum RunConfigError {
     },
 }
 
+/// `message`, and where it names a key that is not known, that there were more of them once.
+fn with_notice_of_cut_keys(message: &str) -> String {
+    let message = message.trim_end();
+    let is_unknown = message.contains("unknown field") || message.contains("there is no section");
+    let notice =
+        if is_unknown { "; 0.2 has fewer keys than 0.1: what `lrfslam config` does not print is fixed" } else { "" };
+    format!("{message}{notice}")
+}
+
 impl RunConfig {
     /// Defaults, then the file (if any), then the overrides `section.key=value`, checked.
     ///
@@ -201,7 +206,10 @@ impl RunConfig {
     pub fn load_over(defaults: Self, file: Option<&Path>, overrides: &[String]) -> Result<Self, RunConfigError> {
         let mut config = file.map_or(Ok(defaults), |file| defaults.with_file(file))?;
         for argument in overrides {
-            let wrong = |message| RunConfigError::Override { argument: argument.clone(), message };
+            let wrong = |message: String| RunConfigError::Override {
+                argument: argument.clone(),
+                message: with_notice_of_cut_keys(&message),
+            };
             config = config.with(argument).map_err(wrong)?;
         }
         config.validate()?;
@@ -214,7 +222,7 @@ impl RunConfig {
         let text = std::fs::read_to_string(path);
         let text = text.map_err(|source| RunConfigError::Read { file: file.clone(), source })?;
         let wrong =
-            |message: String| RunConfigError::File { file: file.clone(), message: message.trim_end().to_owned() };
+            |message: String| RunConfigError::File { file: file.clone(), message: with_notice_of_cut_keys(&message) };
         // Read by itself first: only then do messages tell the line.
         let _: Self = toml::from_str(&text).map_err(|error| wrong(error.to_string()))?;
         let given: toml::Table = toml::from_str(&text).map_err(|error| wrong(error.to_string()))?;
@@ -282,8 +290,8 @@ impl RunConfig {
 
     /// The part that makes maps.
     pub fn mapping(&self) -> MappingConfig {
-        let Self { hierarchy, high, segment, closure, high_particles, memory, map, .. } = *self;
-        MappingConfig { slam: self.slam(), hierarchy, high, segment, closure, high_particles, memory, map }
+        let Self { hierarchy, high, closure, memory, map, .. } = *self;
+        MappingConfig { slam: self.slam(), hierarchy, high, closure, memory, map }
     }
 
     /// The configuration that a map was made with.
@@ -311,8 +319,8 @@ impl RunConfig {
 
     /// The part that finds and follows a robot in a map.
     pub fn localizer(&self) -> LocalizerConfig {
-        let Self { localize, segment, closure, memory, .. } = *self;
-        LocalizerConfig { localize, slam: self.slam(), segment, closure, memory }
+        let Self { localize, closure, memory, .. } = *self;
+        LocalizerConfig { localize, slam: self.slam(), closure, memory }
     }
 
     /// The configured mounting of the laser, for logs that do not tell it.

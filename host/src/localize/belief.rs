@@ -3,12 +3,31 @@
 use lrfslam_core::geometry::Pose2;
 use nalgebra::{Matrix3, Vector3};
 
-use super::LocalizeConfig;
-use crate::mapping::high::SegmentConfig;
+use super::RIGHT_WITHIN_M;
+use crate::mapping::high::drift_variances;
 use crate::places::submap::Agreement;
 
 /// Log odds do not go farther than this: no number of scans makes a place surer than 99.3 %, and none less sure than the opposite.
 const LOG_ODDS_MAX: f32 = 5.0;
+
+/// Certainty of a place that was found, or given by the user: chosen.
+pub(super) const FOUND_CERTAINTY: f32 = 0.95;
+/// Standard deviation of the position of such a place, m …
+const FOUND_SIGMA_M: f64 = 0.15;
+/// … and of its heading, rad.
+const FOUND_SIGMA_RAD: f64 = 0.03;
+/// Share of the points in known places that lie on walls at which a scan neither confirms nor refutes the place: chosen.
+const NEUTRAL_SHARE: f32 = 0.9;
+/// How fast scans change the certainty: log odds per metre driven and unit of that share. Chosen.
+const EVIDENCE_PER_M: f32 = 10.0;
+/// Spread of the map's own error, m: what no scan can undo …
+const MAP_SIGMA_M: f32 = 0.02;
+/// … and the variance of its heading, rad². Chosen.
+const MAP_VARIANCE_RAD2: f64 = 1e-5;
+/// The matches' variances are taken this many times as large as each match says: one match errs much as the next. Chosen.
+const MATCH_INFLATION: f32 = 4.0;
+/// With a smaller share of its points on the map's walls a match says nothing about the position.
+const ON_WALLS_MIN: f32 = 0.05;
 
 /// See the [module](self).
 #[derive(Debug, Clone, Copy)]
@@ -20,7 +39,7 @@ pub(super) struct Belief {
 impl Belief {
     /// A place that has just been found, with the given certainty.
     pub(super) fn new(certainty: f32) -> Self {
-        let variances = Vector3::new(0.15_f64.powi(2), 0.15_f64.powi(2), 0.03_f64.powi(2));
+        let variances = Vector3::new(FOUND_SIGMA_M.powi(2), FOUND_SIGMA_M.powi(2), FOUND_SIGMA_RAD.powi(2));
         Self { log_odds: (certainty / (1.0 - certainty)).ln(), covariance: Matrix3::from_diagonal(&variances) }
     }
 
@@ -29,11 +48,11 @@ impl Belief {
         1.0 / (1.0 + (-self.log_odds).exp())
     }
 
-    /// Probability that the position is right to within `config.right_within_m`: of the place, times that of a circle under the normal
+    /// Probability that the position is right to within [`RIGHT_WITHIN_M`]: of the place, times that of a circle under the normal
     /// distribution of the position, taken as round.
-    pub(super) fn certainty(&self, config: &LocalizeConfig) -> f32 {
+    pub(super) fn certainty(&self) -> f32 {
         let variance = 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]);
-        let within = f64::from(config.right_within_m).powi(2);
+        let within = f64::from(RIGHT_WITHIN_M).powi(2);
         self.place_certainty() * (1.0 - (-0.5 * within / variance.max(1e-9)).exp()) as f32
     }
 
@@ -43,15 +62,11 @@ impl Belief {
     }
 
     /// The robot has moved by `step`, from the heading `heading_rad`.
-    pub(super) fn drift(&mut self, segment: &SegmentConfig, step: Pose2, heading_rad: f32) {
-        let square = |value: f32| f64::from(value).powi(2);
-        let (travel, turn) = (f64::from(step.position().norm()), f64::from(step.heading.abs()));
+    pub(super) fn drift(&mut self, step: Pose2, heading_rad: f32) {
         let (sin, cos) = f64::from(heading_rad).sin_cos();
         let (x, y) = (f64::from(step.x), f64::from(step.y));
         let carried = Matrix3::new(1.0, 0.0, -(sin * x + cos * y), 0.0, 1.0, cos * x - sin * y, 0.0, 0.0, 1.0);
-        let position = square(segment.drift_m) * travel;
-        let heading =
-            square(segment.drift_deg.to_radians()) * travel + square(segment.drift_turning_deg.to_radians()) * turn;
+        let (position, heading) = drift_variances(step);
         let noise = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
         self.covariance = carried * self.covariance * carried.transpose() + noise;
     }
@@ -59,22 +74,16 @@ impl Belief {
     /// A scan was matched with the given covariance; `agreement` is how it lies on the map's walls, `moved_m` the way since the last one.
     ///
     /// What lies where the map knows nothing says nothing about the place.
-    pub(super) fn observe(
-        &mut self,
-        config: &LocalizeConfig,
-        agreement: Agreement,
-        matched: &Matrix3<f32>,
-        moved_m: f32,
-    ) {
+    pub(super) fn observe(&mut self, agreement: Agreement, matched: &Matrix3<f32>, moved_m: f32) {
         let agreeing = 1.0 - agreement.contradicting;
-        let evidence = config.evidence_per_m * moved_m * agreement.known * (agreeing - config.neutral_share);
+        let evidence = EVIDENCE_PER_M * moved_m * agreement.known * (agreeing - NEUTRAL_SHARE);
         self.log_odds = (self.log_odds + evidence).clamp(-LOG_ODDS_MAX, LOG_ODDS_MAX);
-        if agreement.on_walls < 0.05 {
+        if agreement.on_walls < ON_WALLS_MIN {
             return;
         }
-        let floor = f64::from(config.map_sigma_m).powi(2);
-        let floor = Matrix3::from_diagonal(&Vector3::new(floor, floor, 1e-5));
-        let measured = matched.cast::<f64>() * f64::from(config.match_inflation / agreement.on_walls) + floor;
+        let floor = f64::from(MAP_SIGMA_M).powi(2);
+        let floor = Matrix3::from_diagonal(&Vector3::new(floor, floor, MAP_VARIANCE_RAD2));
+        let measured = matched.cast::<f64>() * f64::from(MATCH_INFLATION / agreement.on_walls) + floor;
         let gain = (self.covariance + measured).try_inverse().map(|inverse| self.covariance * inverse);
         if let Some(gain) = gain {
             // The map's own error is the same from scan to scan: it is not averaged away.
@@ -95,14 +104,13 @@ mod tests {
     }
 
     fn driven_knowing(known: f32, on_walls: f32, contradicting: f32, metres: u32) -> f32 {
-        let config = LocalizeConfig::default();
-        let mut belief = Belief::new(config.found_certainty);
+        let mut belief = Belief::new(FOUND_CERTAINTY);
         let matched = Matrix3::from_diagonal_element(1e-4);
         for _ in 0..10 * metres {
-            belief.drift(&SegmentConfig::default(), Pose2::new(0.1, 0.0, 0.0), 0.3);
-            belief.observe(&config, Agreement { on_walls, contradicting, known }, &matched, 0.1);
+            belief.drift(Pose2::new(0.1, 0.0, 0.0), 0.3);
+            belief.observe(Agreement { on_walls, contradicting, known }, &matched, 0.1);
         }
-        belief.certainty(&config)
+        belief.certainty()
     }
 
     #[test]

@@ -12,13 +12,25 @@ use lrfslam_core::sweep::Sweep;
 
 use super::tracker::way_m;
 use super::{KnownMap, LocalizeConfig, LocalizerConfig};
-use crate::places::ClosureConfig;
 use crate::places::closing::{Closer, Effort};
 use crate::places::submap::Submap;
 use crate::scans::store::ScanStore;
 
 /// Scans of the submap are so far apart, by way, m.
 const SCANS_APART_M: f32 = 0.1;
+
+/// After the first search, searches are so much way apart, m: chosen.
+const SEARCH_EVERY_M: f32 = 2.0;
+/// Latest way that is searched for, m: chosen.
+const QUERY_TRAVEL_M: f32 = 10.0;
+/// Points of its submap that are used; time is in proportion. Chosen.
+const SEARCH_POINTS: usize = 150;
+/// A second search at least this much farther on must say the same, m …
+const CONFIRMED_AFTER_M: f32 = 2.0;
+/// … within this, m …
+const AGREEMENT_M: f32 = 0.4;
+/// … and this, degrees. All chosen.
+const AGREEMENT_DEG: f32 = 3.0;
 
 /// A scan of the submap.
 #[derive(Debug, Clone, Copy)]
@@ -52,12 +64,11 @@ pub(super) struct Finder<'m> {
 
 impl<'m> Finder<'m> {
     pub(super) fn new(config: &LocalizerConfig, seed: u64, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
-        let closure = ClosureConfig { second_share_max: config.localize.second_share_max, ..config.closure };
         Ok(Self {
             config: config.localize,
             range_max_m: config.closure.range_max_m,
             odometry: LaserOdometry::new(&config.slam.laser_odometry(), seed, memory)?,
-            closer: Closer::new(&closure, &config.slam.ndt),
+            closer: Closer::new(&config.slam.ndt),
             scans: ScanStore::default(),
             stations: Vec::new(),
             way_m: 0.0,
@@ -115,7 +126,7 @@ impl<'m> Finder<'m> {
         if self.way_m < self.search_at_m {
             return Ok(None);
         }
-        self.search_at_m = self.way_m + self.config.search_every_m;
+        self.search_at_m = self.way_m + SEARCH_EVERY_M;
         let found = self.search(map, local_from_robot);
         Ok(found.and_then(|map_from_robot| self.confirmed(map_from_robot, local_from_robot)))
     }
@@ -123,13 +134,13 @@ impl<'m> Finder<'m> {
     fn search(&mut self, map: &KnownMap, local_from_robot: Pose2) -> Option<Pose2> {
         let (grid, window) = map.search_space()?;
         self.searches += 1;
-        let from_m = self.way_m - self.config.query_travel_m;
+        let from_m = self.way_m - QUERY_TRAVEL_M;
         let latest = self.stations.iter().filter(|station| station.way_m >= from_m);
         let robot_from_stations =
             latest.map(|station| (local_from_robot.between(station.local_from_robot), station.scan));
         let query = Submap::new(robot_from_stations, &self.scans, self.range_max_m);
-        let LocalizeConfig { likelihood_min, search_points, .. } = self.config;
-        let effort = Effort { likelihood_min, points: usize::from(search_points) };
+        let LocalizeConfig { likelihood_min, second_share_max, .. } = self.config;
+        let effort = Effort { likelihood_min, points: SEARCH_POINTS, second_share_max };
         let found = self.closer.find_on(grid, &query, map.walls(), window, effort)?;
         found.weak_axis.is_none().then_some(found.pose)
     }
@@ -139,11 +150,10 @@ impl<'m> Finder<'m> {
         let new = Candidate { map_from_local: map_from_robot * local_from_robot.inverse(), way_m: self.way_m };
         let agrees = |old: &Candidate| {
             let error = (old.map_from_local * local_from_robot).between(map_from_robot);
-            error.position().norm() <= self.config.agreement_m
-                && error.heading.abs() <= self.config.agreement_deg.to_radians()
+            error.position().norm() <= AGREEMENT_M && error.heading.abs() <= AGREEMENT_DEG.to_radians()
         };
         match self.candidate.filter(agrees) {
-            Some(old) if self.way_m - old.way_m >= self.config.confirmed_after_m => Some(map_from_robot),
+            Some(old) if self.way_m - old.way_m >= CONFIRMED_AFTER_M => Some(map_from_robot),
             Some(_) => None,
             None => {
                 self.candidate = Some(new);

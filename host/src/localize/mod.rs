@@ -21,7 +21,6 @@ pub use start::{ScansAhead, StartFit, StartJudge};
 
 use self::finder::Finder;
 use self::tracker::Tracker;
-use crate::mapping::high::SegmentConfig;
 use crate::mapping::{MapperMemory, MemoryConfig};
 use crate::places::ClosureConfig;
 
@@ -30,42 +29,21 @@ lrfslam_core::config! {
     pub struct LocalizeConfig {
         /// Way after which the robot is searched for in the whole map, m; a turn of a radian counts as half a metre. More is told apart better.
         search_after_m: f32 = 4.0, in 0.0..=100.0;
-        /// Then again after so much more, m.
-        search_every_m: f32 = 2.0, in 0.05..=100.0;
-        /// Latest way that is searched for, m.
-        query_travel_m: f32 = 10.0, in 0.5..=100.0;
-        /// Points of its map that are used; time is in proportion.
-        search_points: u16 = 150, in 10..=10000;
         /// Mean likelihood of the submap's points, 0 to 1, below which a place is not looked at. Lower: found sooner where much has changed, and
         /// much slower.
         likelihood_min: f32 = 0.55, in 0.1..=1.0;
         /// A second place with this share of the best one's likelihood is a doubt. Higher: found sooner where rooms resemble one another, and
         /// more often in the wrong one.
         second_share_max: f32 = 0.9, in 0.0..=1.0;
-        /// A second search at least this much farther on must say the same, m …
-        confirmed_after_m: f32 = 2.0, in 0.0..=100.0;
-        /// … within this, m …
-        agreement_m: f32 = 0.4, in 0.01..=10.0;
-        /// … and this, degrees.
-        agreement_deg: f32 = 3.0, in 0.1..=90.0;
-        /// Certainty of a place that was found, or given by the user.
-        found_certainty: f32 = 0.95, in 0.5..=0.999;
-        /// Below this certainty the robot is searched for while it is still tracked.
-        doubted_certainty: f32 = 0.5, in 0.0..=0.9;
-        /// Below this it is lost: no pose is given.
-        lost_certainty: f32 = 0.1, in 0.0..=0.9;
-        /// Share of the points in known places that lie on walls at which a scan neither confirms nor refutes the place.
-        neutral_share: f32 = 0.9, in 0.0..=1.0;
-        /// How fast scans change the certainty: log odds per metre driven and unit of that share.
-        evidence_per_m: f32 = 10.0, in 0.0..=1000.0;
-        /// A position is right if it is nearer to the truth than this, m: what the certainty is about.
-        right_within_m: f32 = 0.25, in 0.01..=10.0;
-        /// Spread of the map's own error, m: what no scan can undo.
-        map_sigma_m: f32 = 0.02, in 0.0..=1.0;
-        /// The matches' variances are taken this many times as large as each match says: one match errs much as the next.
-        match_inflation: f32 = 4.0, in 1.0..=10000.0;
     }
 }
+
+/// Below this certainty the robot is searched for while it is still tracked: chosen.
+const DOUBTED_CERTAINTY: f32 = 0.5;
+/// Below this it is lost: no pose is given. Chosen.
+const LOST_CERTAINTY: f32 = 0.1;
+/// A position is right if it is nearer to the truth than this, m: what the certainty is about.
+pub const RIGHT_WITHIN_M: f32 = 0.25;
 
 /// What is known about the robot at a scan.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,7 +52,7 @@ pub struct Located {
     pub map_from_robot: Pose2,
     /// Covariance of (x, y, heading) if the place is right; m², m rad, rad².
     pub covariance: Matrix3<f64>,
-    /// Probability that the position is right to within [`LocalizeConfig::right_within_m`].
+    /// Probability that the position is right to within [`RIGHT_WITHIN_M`].
     pub certainty: f32,
     /// Share of the scan's points that lie on the map's walls.
     pub on_walls: f32,
@@ -104,8 +82,6 @@ pub struct LocalizerConfig {
     pub localize: LocalizeConfig,
     /// Of which it matches as mapping does.
     pub slam: SlamConfig,
-    /// How the error of a path grows.
-    pub segment: SegmentConfig,
     /// How places are recognised.
     pub closure: ClosureConfig,
     /// Memory.
@@ -130,7 +106,6 @@ impl LocalizerMemory {
 /// Finds and tracks a robot in a map; see the [module](self).
 #[derive(Debug)]
 pub struct Localizer<'m> {
-    config: LocalizeConfig,
     map: &'m KnownMap,
     tracker: Tracker<'m>,
     finder: Finder<'m>,
@@ -153,7 +128,6 @@ impl<'m> Localizer<'m> {
     ) -> anyhow::Result<Self> {
         let LocalizerMemory { tracker, finder } = memory;
         let mut localizer = Self {
-            config: config.localize,
             map,
             tracker: Tracker::new(config, seed, tracker.lend_odometry())?,
             finder: Finder::new(config, seed, finder.lend_odometry())?,
@@ -186,11 +160,11 @@ impl<'m> Localizer<'m> {
         let mut located = None;
         if self.is_tracking {
             let tracked = self.tracker.add_scan(self.map, scan, robot_from_lrf)?;
-            located = Some(tracked.located).filter(|_| tracked.place_certainty >= self.config.lost_certainty);
+            located = Some(tracked.located).filter(|_| tracked.place_certainty >= LOST_CERTAINTY);
             if located.is_none() {
                 (self.is_tracking, self.counts.lost) = (false, self.counts.lost + 1);
             }
-            self.search_if(tracked.place_certainty < self.config.doubted_certainty);
+            self.search_if(tracked.place_certainty < DOUBTED_CERTAINTY);
         } else {
             self.search_if(true);
         }

@@ -1,14 +1,14 @@
 //! Follows the robot in the map.
 
-use lrfslam_core::filter::PointCapacityError;
+use lrfslam_core::filter::{PointCapacityError, hits};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::laser_odometry::{LaserOdometry, OdometryMemory};
 use lrfslam_core::ndt::NdtMemoryError;
 use lrfslam_core::scan::RangeScan;
+use lrfslam_core::sweep::Sweep;
 
-use super::belief::Belief;
-use super::{KnownMap, LocalizeConfig, LocalizerConfig, Located};
-use crate::mapping::high::SegmentConfig;
+use super::belief::{Belief, FOUND_CERTAINTY};
+use super::{KnownMap, LocalizerConfig, Located};
 use crate::places::submap::Agreement;
 
 /// The matcher's map is drawn from scans so far apart, m, or so far turned, rad.
@@ -19,8 +19,6 @@ const WITNESS_APART_M: f32 = 0.1;
 /// Laser odometry whose reference is the map and what was seen beyond it; see the [module](self).
 #[derive(Debug)]
 pub(super) struct Tracker<'m> {
-    config: LocalizeConfig,
-    segment: SegmentConfig,
     odometry: LaserOdometry<'m>,
     belief: Belief,
     agreement: Agreement,
@@ -38,10 +36,8 @@ pub(super) struct Tracked {
 impl<'m> Tracker<'m> {
     pub(super) fn new(config: &LocalizerConfig, seed: u64, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
         Ok(Self {
-            config: config.localize,
-            segment: config.segment,
             odometry: LaserOdometry::new(&config.slam.laser_odometry(), seed, memory)?,
-            belief: Belief::new(config.localize.found_certainty),
+            belief: Belief::new(FOUND_CERTAINTY),
             agreement: Agreement::default(),
             way_m: 0.0,
         })
@@ -57,7 +53,7 @@ impl<'m> Tracker<'m> {
             }
         }
         self.odometry.freeze_reference();
-        self.belief = Belief::new(self.config.found_certainty);
+        self.belief = Belief::new(FOUND_CERTAINTY);
         self.way_m = WITNESS_APART_M;
         Ok(())
     }
@@ -73,17 +69,18 @@ impl<'m> Tracker<'m> {
         let map_from_robot = step.matched.map_from_robot;
         let moved = before.between(map_from_robot);
         self.way_m += way_m(moved);
-        self.belief.drift(&self.segment, moved, before.heading);
+        self.belief.drift(moved, before.heading);
         if self.way_m >= WITNESS_APART_M {
-            let hits: Vec<Point2> = scan.beams.iter().filter_map(Point2::of_hit).collect();
-            self.agreement = map.walls().agreement(&hits, map_from_robot * robot_from_lrf);
+            let mut memory = vec![Point2::default(); scan.beams.len()];
+            let hits = hits(&Sweep { scan: *scan, robot_from_lrf, motion: step.motion }, &mut memory)?;
+            self.agreement = map.walls().agreement(hits, map_from_robot);
             let moved_m = std::mem::take(&mut self.way_m).min(1.0);
-            self.belief.observe(&self.config, self.agreement, &step.matched.covariance, moved_m);
+            self.belief.observe(self.agreement, &step.matched.covariance, moved_m);
         }
         let located = Located {
             map_from_robot,
             covariance: self.belief.covariance(),
-            certainty: self.belief.certainty(&self.config),
+            certainty: self.belief.certainty(),
             on_walls: self.agreement.on_walls,
             contradicting: self.agreement.contradicting,
         };

@@ -1,10 +1,9 @@
 //! The configuration of mapping: that of SLAM, and what a computer does besides.
 
-use lrfslam_core::low_slam::{LowSlamConfig, LowSlamConfigs};
-use lrfslam_core::perception::PerceptionConfig;
+use lrfslam_core::low_slam::LowSlamConfigs;
 use lrfslam_core::slam::SlamConfig;
 
-use super::high::{HighConfig, HighConfigs, HighParticlesConfig, SegmentConfig};
+use super::high::{HighConfig, HighConfigs, filter_config};
 use super::memory::{MapperMemory, MemoryConfig};
 use crate::maps::occupancy::MapConfig;
 use crate::places::ClosureConfig;
@@ -39,12 +38,8 @@ pub struct MappingConfig {
     pub hierarchy: HierarchyConfig,
     /// High level.
     pub high: HighConfig,
-    /// Segments of the path.
-    pub segment: SegmentConfig,
     /// Closing of loops.
     pub closure: ClosureConfig,
-    /// Particles of the high level.
-    pub high_particles: HighParticlesConfig,
     /// Memory.
     pub memory: MemoryConfig,
     /// How the map is drawn.
@@ -62,16 +57,12 @@ impl MappingConfig {
 
     /// The part that the high level works with.
     pub fn high_slam(&self) -> HighConfigs {
-        HighConfigs { high: self.high, segment: self.segment, closure: self.closure, ndt: self.slam.ndt }
+        HighConfigs { high: self.high, closure: self.closure, ndt: self.slam.ndt }
     }
 
     /// What core's particle filter works with at the high level, if loops are closed by particles.
     pub fn high_particles(&self) -> Option<LowSlamConfigs> {
-        let HighParticlesConfig { particles, samples_per_particle, sigma_m, gain, .. } = self.high_particles;
-        (self.hierarchy.levels > 1 && self.hierarchy.closing == Closing::Particles).then(|| LowSlamConfigs {
-            filter: LowSlamConfig { particles, samples_per_particle, ..self.slam.particles },
-            perception: PerceptionConfig { sigma_m, gain, ..self.slam.perception },
-            ..self.slam.low_slam()
-        })
+        let wanted = self.hierarchy.levels > 1 && self.hierarchy.closing == Closing::Particles;
+        wanted.then(|| filter_config(&self.slam))
     }
 }

@@ -63,7 +63,7 @@ pub struct MatchCounts {
 
 impl MatchCounts {
     /// Counts a step.
-    pub(crate) fn add(&mut self, step: &laser_odometry::StepReport) {
+    pub(crate) fn add(&mut self, step: &laser_odometry::OdometryReport) {
         self.lost_scans += u64::from(step.is_lost);
         self.undetermined_scans += u64::from(step.matched.undetermined.is_some());
         self.key_scans += u64::from(step.is_key);

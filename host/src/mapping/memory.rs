@@ -8,6 +8,7 @@ use lrfslam_core::laser_odometry::{KeyScan, OdometryMemory};
 use lrfslam_core::low_slam::{LowSlamConfigs, LowSlamMemory};
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::particles::{Particle, Sample};
+use lrfslam_core::perception::reach_m;
 use lrfslam_core::rays::Ray;
 use lrfslam_core::slam::SlamConfig;
 
@@ -157,7 +158,7 @@ impl ParticlePools {
 
 /// Tiles along a window's side: what a scan reaches to all sides, and a few metres that particles may be apart.
 fn window_side(config: &LowSlamConfigs) -> usize {
-    let reach_m = config.rays.range_max_m + config.perception.reach_sigmas * config.perception.sigma_m;
+    let reach_m = config.rays.range_max_m + reach_m(&config.perception);
     let side_m = 2.0 * reach_m + 10.0;
     let tiles = side_m / (config.map.square_size_m * SIDE as f32);
     (tiles.ceil() as usize).next_power_of_two().clamp(2, 4096)

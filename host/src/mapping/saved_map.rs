@@ -22,7 +22,7 @@ pub const FILE_NAME: &str = "map.lrfslam";
 
 const MAGIC: [u8; 8] = *b"LRFSLAM\x1a";
 /// To be raised with every change of what is written, and with every key of the configuration that goes or is called otherwise.
-const VERSION: u16 = 2;
+const VERSION: u16 = 3;
 const HEADER: usize = 8 + 2 + 8 + 4;
 /// More than this is no map of ours, bytes unpacked: four days of driving.
 const UNPACKED_MAX: u64 = 1 << 32;
@@ -241,11 +241,11 @@ mod tests {
             bytes
         };
         let newer = error(&flipped(8));
-        let told = "saved map of version 6, expected version 2: made by a newer lrfslam than this; map the log again";
+        let told = "saved map of version 7, expected version 3: made by a newer lrfslam than this; map the log again";
         assert!(newer.ends_with(told), "{newer}");
         let mut older = bytes.clone();
         older[8] = 1;
-        let told = "saved map of version 1, expected version 2: made by an older lrfslam than this; map the log again";
+        let told = "saved map of version 1, expected version 3: made by an older lrfslam than this; map the log again";
         assert!(error(&older).ends_with(told), "{}", error(&older));
         assert!(error(&flipped(bytes.len() / 2)).contains("the checksum is"));
         std::fs::remove_file(&file).unwrap();
@@ -261,7 +261,7 @@ mod tests {
             let scan = RangeScan { stamp: Instant::from_micros(micros), range_max_m: 8.0, beams: &beams };
             scans.add(&Sweep::at_rest(scan, Pose2::new(0.1, -0.2, 0.5)));
         }
-        let config = include_str!("../../tests/golden/map-2/config.toml").to_owned();
+        let config = include_str!("../../tests/golden/map-3/config.toml").to_owned();
         SavedMap { program: "golden".to_owned(), config, path: SavedPath::example(), scans }
     }
 

@@ -51,16 +51,15 @@ mod tests {
     use crate::maps::occupancy::{MapConfig, OccupancyMap};
     use lrfslam_core::geometry::Pose2;
     use lrfslam_core::scan::{Beam, Echo, RangeScan};
+    use lrfslam_core::sweep::Sweep;
     use lrfslam_core::time::{Duration, Instant};
 
     fn raster() -> Raster {
         let mut map = OccupancyMap::new(MapConfig::default());
         let beam = |bearing_rad, range| Beam { bearing_rad, offset: Duration::ZERO, echo: Echo::Hit(range) };
         let beams = [beam(0.0, 0.1), beam(std::f32::consts::FRAC_PI_2, 0.06)];
-        map.insert(
-            &RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams },
-            Pose2::new(-1.01, 2.01, 0.0),
-        );
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+        map.insert(&Sweep::at_rest(scan, Pose2::IDENTITY), Pose2::new(-1.01, 2.01, 0.0));
         map.raster(100).unwrap()
     }
 

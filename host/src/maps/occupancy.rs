@@ -16,6 +16,7 @@ use lrfslam_core::geometry::{Point2, Pose2};
 pub use lrfslam_core::grid::Occupancy;
 use lrfslam_core::grid::{CellIndex, cells_on_ray};
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
+use lrfslam_core::sweep::{Sweep, SweepMotion};
 
 lrfslam_core::config! {
     /// How the map is drawn.
@@ -36,8 +37,6 @@ lrfslam_core::config! {
         /// A cell is occupied if at least this share of the rays that reached it ended there.
         /// Lower: thicker walls, more ghosts of passers-by. Source: the value GMapping draws with.
         occupied_share: f32 = 0.25, in 0.01..=1.0;
-        /// Fewer rays leave a cell unknown.
-        observations_min: u16 = 1, in 1..=1000;
         /// Longer side of map.png, pixels; a larger map is drawn smaller.
         picture_px: u32 = 2400, in 200..=20000;
     }
@@ -123,13 +122,23 @@ impl OccupancyMap {
         Self { config, tiles: Vec::new(), places: HashMap::new(), last: None, miss_sectors }
     }
 
-    /// Draws `scan`, taken by a laser at `map_from_lrf`; a pose that is not finite draws nothing.
+    /// Draws the scan of `sweep`, its beams where they lie in the middle of the sweep, when the robot is at `map_from_robot`; a pose that
+    /// is not finite draws nothing.
     ///
     /// Cost: O(cells that its rays cross).
-    pub fn insert(&mut self, scan: &RangeScan<'_>, map_from_lrf: Pose2) {
+    pub fn insert(&mut self, sweep: &Sweep<'_>, map_from_robot: Pose2) {
+        let map_from_lrf = map_from_robot * sweep.robot_from_lrf;
         if !map_from_lrf.is_finite() {
             return;
         }
+        if sweep.motion == SweepMotion::default() {
+            return self.insert_beams(&sweep.scan, map_from_lrf);
+        }
+        let beams: Vec<Beam> = sweep.scan.beams.iter().map(sweep.middle_beam()).collect();
+        self.insert_beams(&RangeScan { beams: &beams, ..sweep.scan }, map_from_lrf);
+    }
+
+    fn insert_beams(&mut self, scan: &RangeScan<'_>, map_from_lrf: Pose2) {
         let is_hit = |beam: &Beam| matches!(beam.echo, Echo::Hit(_));
         let (mut before, mut rest) = (None, scan.beams);
         while !rest.is_empty() {
@@ -199,7 +208,7 @@ impl OccupancyMap {
 
     fn judge(&self, cell: Cell) -> Occupancy {
         let rays = u32::from(cell.hits) + u32::from(cell.passes);
-        if rays == 0 || rays < u32::from(self.config.observations_min) {
+        if rays == 0 {
             let is_free = cell.hits == 0 && cell.misses_agree(self.miss_sectors);
             if is_free { Occupancy::Free } else { Occupancy::Unknown }
         } else if f32::from(cell.hits) >= self.config.occupied_share * rays as f32 {

@@ -28,44 +28,41 @@ lrfslam_core::config! {
         enabled: bool = true;
         /// Hits farther away are not used for it, m.
         range_max_m: f32 = 20.0, in 1.0..=200.0;
-        /// Travel of the latest path that is searched for, m: more is told apart better.
-        query_travel_m: f32 = 8.0, in 0.5..=100.0;
-        /// Travel, before and after an older pose, of the path that is searched in, m.
-        place_travel_m: f32 = 10.0, in 0.5..=100.0;
-        /// Older path counts as older from so much travel on, m.
-        gap_travel_m: f32 = 20.0, in 1.0..=1000.0;
-        /// Older places searched after each segment.
-        candidates: u16 = 3, in 1..=100;
-        /// The window reaches so many standard deviations of the drift to each side …
-        window_sigmas: f32 = 3.0, in 0.5..=10.0;
-        /// … but no farther than this, m. Cost grows with its square.
-        window_max_m: f32 = 15.0, in 0.5..=100.0;
-        /// … and this, degrees.
-        window_max_deg: f32 = 25.0, in 1.0..=180.0;
-        /// Share of points that must lie on the other's walls.
-        on_walls_min: f32 = 0.6, in 0.0..=1.0;
-        /// Share of points in known places that may stand in free space.
-        contradicting_max: f32 = 0.1, in 0.0..=1.0;
-        /// A second pose with this share of the best one's score is a doubt.
-        second_share_max: f32 = 0.85, in 0.0..=1.0;
-        /// Least worth of the walls that meet for any axis, 0 to 0.5; see `matcher.constraint_min`. Below that the axis is weak …
-        constraint_min: f32 = 0.06, in 0.0..=0.5;
-        /// … and below this nothing is known of it: no closure.
-        constraint_none: f32 = 0.015, in 0.0..=0.5;
-        /// A closure that moves the robot by more than this, m, needs a second one that agrees.
-        alone_m: f32 = 1.0, in 0.0..=100.0;
-        /// … within this, m.
-        agreement_m: f32 = 0.4, in 0.01..=10.0;
-        /// … and this, degrees.
-        agreement_deg: f32 = 3.0, in 0.1..=90.0;
-        /// Standard deviation of a closure's position, m.
-        sigma_m: f32 = 0.05, in 0.001..=10.0;
-        /// … along a weak axis, m …
-        sigma_weak_m: f32 = 0.3, in 0.001..=10.0;
-        /// … and of its heading, degrees.
-        sigma_deg: f32 = 0.3, in 0.01..=90.0;
     }
 }
+
+/// Share of points that must lie on the other's walls: chosen, strict.
+const ON_WALLS_MIN: f32 = 0.6;
+/// Share of points in known places that may stand in free space: chosen.
+const CONTRADICTING_MAX: f32 = 0.1;
+/// A second pose with this share of the best one's score is a doubt: chosen.
+const SECOND_SHARE_MAX: f32 = 0.85;
+/// Points of the submap that are used.
+const QUERY_POINTS: usize = 300;
+/// A second pose so far from the best one, m …
+const SECOND_APART_M: f32 = 1.0;
+/// … or so far turned, rad, is another one.
+const SECOND_APART_RAD: f32 = 0.2;
+/// The optimum of the cells is that of the search if it is nearer than this, m …
+const REFINED_WITHIN_M: f32 = 0.3;
+/// … and this, rad.
+const REFINED_WITHIN_RAD: f32 = 0.05;
+/// Least worth of the walls that meet for any axis, 0 to 0.5; see [`NdtGrid::constraint`]. Below that the axis is weak …
+const CONSTRAINT_MIN: f32 = 0.06;
+/// … and below this nothing is known of it: no closure. Both chosen.
+const CONSTRAINT_NONE: f32 = 0.015;
+/// A closure that moves the robot by more than this, m, needs a second one that agrees …
+const ALONE_M: f32 = 1.0;
+/// … within this, m …
+const AGREEMENT_M: f32 = 0.4;
+/// … and this, degrees.
+const AGREEMENT_DEG: f32 = 3.0;
+/// Standard deviation of a closure's position, m: chosen, that of two submaps put together …
+const SIGMA_M: f32 = 0.05;
+/// … along a weak axis, m …
+const SIGMA_WEAK_M: f32 = 0.3;
+/// … and of its heading, degrees.
+const SIGMA_DEG: f32 = 0.3;
 
 /// A place that the robot may have come back to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -93,14 +90,14 @@ pub struct Place {
 
 impl Closure {
     /// As an edge of the graph.
-    pub fn edge(&self, config: &ClosureConfig) -> Edge {
-        let inverse_square = |sigma: f32| f64::from(sigma).powi(-2);
-        let position = inverse_square(config.sigma_m);
-        let heading = inverse_square(config.sigma_deg.to_radians());
+    pub fn edge(&self) -> Edge {
+        let inverse_square = |sigma: f32| 1.0 / (f64::from(sigma) * f64::from(sigma));
+        let position = inverse_square(SIGMA_M);
+        let heading = inverse_square(SIGMA_DEG.to_radians());
         let mut information = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
         if let Some(axis) = self.weak_axis {
             let axis = Vector3::new(f64::from(axis.x), f64::from(axis.y), 0.0);
-            information -= axis * axis.transpose() * (position - inverse_square(config.sigma_weak_m)).max(0.0);
+            information -= axis * axis.transpose() * (position - inverse_square(SIGMA_WEAK_M)).max(0.0);
         }
         Edge { from: self.older, to: self.newer, from_to: self.older_from_newer, information, is_closure: true }
     }
@@ -113,6 +110,8 @@ pub struct Effort {
     pub likelihood_min: f32,
     /// Points that are used.
     pub points: usize,
+    /// A second pose with this share of the best one's score is a doubt.
+    pub second_share_max: f32,
 }
 
 /// Tiles along the side of the directory of a place's NDT.
@@ -121,7 +120,6 @@ const DIRECTORY_SIDE: usize = 256;
 /// Searches submaps in submaps; holds the memory for it.
 #[derive(Debug)]
 pub struct Closer {
-    config: ClosureConfig,
     ndt: NdtConfig,
     directory: Vec<DirectoryEntry>,
     tiles: Vec<NdtTile>,
@@ -131,10 +129,9 @@ pub struct Closer {
 
 impl Closer {
     /// One that has found nothing yet.
-    pub fn new(config: &ClosureConfig, ndt: &NdtConfig) -> Self {
+    pub fn new(ndt: &NdtConfig) -> Self {
         Self {
-            config: *config,
-            ndt: NdtConfig { grids: 4, points_min: 3, ..*ndt },
+            ndt: NdtConfig { grids: 4, ..*ndt },
             directory: vec![DirectoryEntry::default(); 4 * DIRECTORY_SIDE * DIRECTORY_SIDE],
             tiles: vec![NdtTile::EMPTY; 32768],
             waiting: Vec::new(),
@@ -144,7 +141,8 @@ impl Closer {
     /// Finds `query` in `place`; its pose there, if nothing speaks against it.
     pub fn find(&mut self, query: &Submap, place: &Submap, window: &SearchWindow) -> Option<Place> {
         let grid = CorrelationGrid::new(place.points())?;
-        let effort = Effort { likelihood_min: 0.5 * self.config.on_walls_min, points: 300 };
+        let effort =
+            Effort { likelihood_min: 0.5 * ON_WALLS_MIN, points: QUERY_POINTS, second_share_max: SECOND_SHARE_MAX };
         self.find_on(&grid, query, place, window, effort)
     }
 
@@ -160,7 +158,7 @@ impl Closer {
         let coarse = self.search(grid, query, window, effort)?;
         let found = self.refine(query, place, coarse)?;
         let near = coarse.between(found.pose);
-        let is_near = near.position().norm() < 0.3 && near.heading.abs() < 0.05;
+        let is_near = near.position().norm() < REFINED_WITHIN_M && near.heading.abs() < REFINED_WITHIN_RAD;
         (is_near && self.agree(query, place, found.pose)).then_some(found)
     }
 
@@ -168,8 +166,8 @@ impl Closer {
     fn search(&self, grid: &CorrelationGrid, query: &Submap, window: &SearchWindow, effort: Effort) -> Option<Pose2> {
         let points: Vec<Point2> = thinned(query.points(), effort.points);
         let best = grid.search(&points, window, effort.likelihood_min, None)?;
-        let excluded = Excluded { pose: best.pose, distance_m: 1.0, heading_rad: 0.2 };
-        let second = grid.search(&points, window, self.config.second_share_max * best.share, Some(excluded));
+        let excluded = Excluded { pose: best.pose, distance_m: SECOND_APART_M, heading_rad: SECOND_APART_RAD };
+        let second = grid.search(&points, window, effort.second_share_max * best.share, Some(excluded));
         second.is_none().then_some(best.pose)
     }
 
@@ -190,16 +188,16 @@ impl Closer {
         // The direction of the smaller eigenvalue.
         let heading = 0.5 * xy.atan2(0.5 * (xx - yy)) + std::f32::consts::FRAC_PI_2;
         let axis = Point2::from_polar(1.0, heading);
-        let weak_axis = (constraint < self.config.constraint_min).then_some(axis);
-        (constraint >= self.config.constraint_none).then_some(Place { pose, weak_axis })
+        let weak_axis = (constraint < CONSTRAINT_MIN).then_some(axis);
+        (constraint >= CONSTRAINT_NONE).then_some(Place { pose, weak_axis })
     }
 
     fn agree(&self, query: &Submap, place: &Submap, pose: Pose2) -> bool {
         let there = place.agreement(query.points(), pose);
         let back = query.agreement(place.points(), pose.inverse());
-        there.on_walls >= self.config.on_walls_min
-            && there.contradicting <= self.config.contradicting_max
-            && back.contradicting <= self.config.contradicting_max
+        there.on_walls >= ON_WALLS_MIN
+            && there.contradicting <= CONTRADICTING_MAX
+            && back.contradicting <= CONTRADICTING_MAX
     }
 
     /// The closures that may be believed now that `closure` has been found: itself if it moves little, itself and another one that says
@@ -207,14 +205,14 @@ impl Closer {
     ///
     /// * `nodes` — the graph's nodes
     pub fn confirmed(&mut self, closure: Closure, nodes: &[PoseF64]) -> Vec<Closure> {
-        if closure.moves_m <= self.config.alone_m {
+        if closure.moves_m <= ALONE_M {
             return vec![closure];
         }
         let agrees = |other: &Closure| {
             other.newer != closure.newer && {
                 let error = discrepancy(other, &closure, nodes);
-                error.distance_m() <= f64::from(self.config.agreement_m)
-                    && error.heading.abs() <= f64::from(self.config.agreement_deg.to_radians())
+                error.distance_m() <= f64::from(AGREEMENT_M)
+                    && error.heading.abs() <= f64::from(AGREEMENT_DEG.to_radians())
             }
         };
         let Some(index) = self.waiting.iter().rposition(agrees) else {

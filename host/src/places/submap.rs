@@ -50,7 +50,7 @@ impl Submap {
         let mut beams: Vec<Beam> = Vec::new();
         for (pose, scan) in scans {
             let Some(sweep) = store.sweep(scan as usize, &mut beams) else { continue };
-            squares.insert(&sweep.scan, pose * sweep.robot_from_lrf);
+            squares.insert(&sweep, pose);
             for hit in store.hits(scan as usize, range_max_m) {
                 let point = pose.transform(hit);
                 let CellIndex { column, row } = CellIndex::containing(point, VOXEL_M);

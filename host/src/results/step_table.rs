@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration as WallDuration;
 
 use anyhow::Context as _;
-use lrfslam_core::low_slam::StepReport;
+use lrfslam_core::low_slam::FilterReport;
 use lrfslam_core::time::Instant;
 use serde::Serialize;
 
@@ -53,7 +53,7 @@ pub struct StepTable {
 
 impl StepTable {
     /// Takes a step; `scan` counts from 0.
-    pub fn add(&mut self, stamp: Instant, scan: usize, step: &StepReport, times: &StageTimes) {
+    pub fn add(&mut self, stamp: Instant, scan: usize, step: &FilterReport, times: &StageTimes) {
         let micros = |time: WallDuration| time.as_micros();
         // Writing to a string cannot fail.
         let _ = writeln!(

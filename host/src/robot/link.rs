@@ -43,11 +43,6 @@ impl<'m> RobotLink<'m> {
         &mut self.client
     }
 
-    /// True while the port is open.
-    pub fn is_open(&self) -> bool {
-        self.link.is_some()
-    }
-
     /// Does what is due, waits for bytes up to `wait`, and tells `sink` what they bring.
     pub fn serve(&mut self, wait: WallDuration, sink: &mut dyn FnMut(LinkEvent<'_>)) {
         let done = match self.link {

@@ -93,9 +93,7 @@ impl<'m> MapRun<'m> {
     pub fn new(config: &MappingConfig, seed: u64, memory: &'m mut RunMemory) -> anyhow::Result<Self> {
         let RunMemory { mapper, high } = memory;
         let particles = config.high_particles().zip(high.as_mut());
-        let particles = particles
-            .map(|(filter, pools)| HighParticles::new(&config.high_particles, &filter, seed, pools))
-            .transpose()?;
+        let particles = particles.map(|(filter, pools)| HighParticles::new(&filter, seed, pools)).transpose()?;
         Ok(Self::with(config, seed, particles, Mapper::new(&config.slam, seed, mapper)?))
     }
 
@@ -120,7 +118,7 @@ impl<'m> MapRun<'m> {
             self.map_from_step = step.map_from_robot;
             self.step_count += 1;
         } else if !self.low.has_particles() && !step.odometry.is_lost {
-            self.map.insert(scan, step.map_from_robot * robot_from_lrf);
+            self.map.insert(&sweep, step.map_from_robot);
         }
         let step_from_robot = self.map_from_step.between(step.map_from_robot);
         let low = low_pose(&step.odometry);
@@ -272,7 +270,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
 }
 
 /// What the high level goes by: laser odometry, which the particles have corrected, without their jumps from one to the other.
-fn low_pose(step: &laser_odometry::StepReport) -> LowPose {
+fn low_pose(step: &laser_odometry::OdometryReport) -> LowPose {
     let Match { map_from_robot, undetermined, .. } = step.matched;
     LowPose { map_from_robot, undetermined, is_lost: step.is_lost }
 }

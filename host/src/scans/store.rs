@@ -50,16 +50,13 @@ pub struct ScanStore {
 impl ScanStore {
     /// Keeps a scan.
     pub fn add(&mut self, sweep: &Sweep<'_>) {
-        let middle_from_beam = sweep.middle_from_beam();
-        for beam in sweep.scan.beams {
-            let (range_m, is_hit) = match beam.echo {
-                Echo::Hit(range_m) => (range_m, true),
-                Echo::Miss => (sweep.scan.range_max_m, false),
+        for Beam { bearing_rad, echo, .. } in sweep.scan.beams.iter().map(sweep.middle_beam()) {
+            let range_m = match echo {
+                Echo::Hit(range_m) => range_m,
+                Echo::Miss => -1.0,
                 Echo::Invalid => continue,
             };
-            let end = middle_from_beam(beam).transform(Point2::from_polar(range_m, beam.bearing_rad));
-            self.beams
-                .push(KeptBeam { bearing_rad: end.bearing_rad(), range_m: if is_hit { end.norm() } else { -1.0 } });
+            self.beams.push(KeptBeam { bearing_rad, range_m });
         }
         let RangeScan { stamp, range_max_m, .. } = sweep.scan;
         let robot_from_lrf = sweep.robot_from_lrf;

@@ -13,8 +13,8 @@ use super::decoder::ScipDecoder;
 use super::parameters::SensorParameters;
 use super::reply::Reply;
 use crate::clock::{ClockOffset, PERIOD_24_BIT_MS, StampUnwrapper};
+use crate::dialogue::{DialogueBase, Patience, wire_time};
 use crate::driver::{BaudPolicy, Cause, Counters, Input, LrfDriver, Output, Step};
-use crate::session::{Patience, SessionBase, wire_time};
 use lrfslam_scan::time::{Duration, Instant};
 use lrfslam_scan::{Beam, RangeScan};
 
@@ -121,14 +121,14 @@ enum State {
 #[derive(Debug)]
 pub struct HokuyoDriver<'a> {
     decoder: ScipDecoder<'a>,
-    session: Session<'a>,
+    dialogue: Dialogue<'a>,
 }
 
 /// Everything but the bytes: lives beside the decoder, so that a frame can be read in place.
 #[derive(Debug)]
-struct Session<'a> {
+struct Dialogue<'a> {
     config: HokuyoConfig,
-    base: SessionBase,
+    base: DialogueBase,
     state: State,
     attempts_left: u8,
     sent_at: Instant,
@@ -176,9 +176,9 @@ impl<'a> HokuyoDriver<'a> {
     /// * `frame` — holds one reply: [`FRAME_MEMORY`] is enough for every model, 2300 for a URG-04LX
     /// * `beams` — holds one scan: [`BEAM_MEMORY`], or 682
     pub fn new(config: HokuyoConfig, frame: &'a mut [u8], beams: &'a mut [Beam]) -> Self {
-        let session = Session {
+        let dialogue = Dialogue {
             config,
-            base: SessionBase::default(),
+            base: DialogueBase::default(),
             state: State::Idle,
             attempts_left: 0,
             sent_at: Instant::default(),
@@ -196,12 +196,12 @@ impl<'a> HokuyoDriver<'a> {
             scan_len: 0,
             scan_stamp: Instant::default(),
         };
-        Self { decoder: ScipDecoder::new(frame), session }
+        Self { decoder: ScipDecoder::new(frame), dialogue }
     }
 
     /// What the sensor said of its geometry, once it was asked.
     pub fn parameters(&self) -> Option<&SensorParameters> {
-        self.session.parameters.as_ref()
+        self.dialogue.parameters.as_ref()
     }
 }
 
@@ -209,33 +209,33 @@ impl LrfDriver for HokuyoDriver<'_> {
     fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
         match input {
             Input::Bytes(bytes) => return self.take(now, bytes),
-            Input::Timeout if self.session.base.patience.is_over(now) => self.session.on_timeout(now),
+            Input::Timeout if self.dialogue.base.patience.is_over(now) => self.dialogue.on_timeout(now),
             Input::Timeout => {}
             Input::Connected => {
                 self.decoder.forget();
-                self.session.on_connected(now);
+                self.dialogue.on_connected(now);
             }
             Input::Disconnected => {
                 self.decoder.forget();
-                self.session.on_disconnected();
+                self.dialogue.on_disconnected();
             }
-            Input::Stop => self.session.on_stop(now),
+            Input::Stop => self.dialogue.on_stop(now),
         }
         0
     }
 
     fn poll_output(&mut self) -> Output<'_> {
-        let session = &mut self.session;
-        let range_max_m = session.base.identity.range_max_m;
-        session.base.poll_output(|| RangeScan {
-            stamp: session.scan_stamp,
+        let dialogue = &mut self.dialogue;
+        let range_max_m = dialogue.base.identity.range_max_m;
+        dialogue.base.poll_output(|| RangeScan {
+            stamp: dialogue.scan_stamp,
             range_max_m,
-            beams: session.beams.get(..session.scan_len).unwrap_or(&[]),
+            beams: dialogue.beams.get(..dialogue.scan_len).unwrap_or(&[]),
         })
     }
 
     fn counters(&self) -> Counters {
-        self.session.base.counters(self.decoder.oversize_frames())
+        self.dialogue.base.counters(self.decoder.oversize_frames())
     }
 }
 
@@ -243,26 +243,26 @@ impl HokuyoDriver<'_> {
     /// Takes bytes up to the first frame that leads to an output; none while outputs wait.
     fn take(&mut self, now: Instant, bytes: &[u8]) -> usize {
         let mut taken = 0;
-        while self.session.base.outbox.is_empty() {
+        while self.dialogue.base.outbox.is_empty() {
             let rest = bytes.get(taken..).unwrap_or(b"");
             if rest.is_empty() {
                 break;
             }
             if !self.decoder.is_inside_frame() {
-                self.session.frame_began = now;
+                self.dialogue.frame_began = now;
             }
             let (count, frame) = self.decoder.feed(rest);
             taken += count;
-            self.session.on_bytes(now, rest.get(..count).unwrap_or(b""));
+            self.dialogue.on_bytes(now, rest.get(..count).unwrap_or(b""));
             if let Some(frame) = frame {
-                self.session.on_frame(now, frame);
+                self.dialogue.on_frame(now, frame);
             }
         }
         taken
     }
 }
 
-impl Session<'_> {
+impl Dialogue<'_> {
     fn on_frame(&mut self, now: Instant, frame: &[u8]) {
         match self.state {
             State::Asking(ask) => {

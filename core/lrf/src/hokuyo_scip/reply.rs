@@ -39,8 +39,6 @@ impl Status {
     pub const OK: Self = Self(*b"00");
     /// `99`: a scan of a stream.
     pub const SCAN: Self = Self(*b"99");
-    /// `98`: the stream goes on after a fault.
-    pub const RESUMED: Self = Self(*b"98");
     /// `10`: the laser is off.
     pub const LASER_OFF: Self = Self(*b"10");
     /// `0B`: the same command again before its answer.

@@ -2,8 +2,8 @@
 
 use super::packet::{POINTS, Packet, PacketDecoder, STAMP_PERIOD_MS};
 use crate::clock::{ClockOffset, Stamp, StampUnwrapper};
+use crate::dialogue::{DialogueBase, Patience, Pending, wire_time};
 use crate::driver::{BaudRates, Cause, Counters, Identity, Input, LrfDriver, Output, Step};
-use crate::session::{Patience, Pending, SessionBase, wire_time};
 use crate::turn::{Sample, TurnAssembler, sample_time};
 use lrfslam_scan::time::{Duration, Instant};
 use lrfslam_scan::{Beam, Echo};
@@ -25,7 +25,7 @@ const MAX_STEP_MS: i64 = 6;
 #[derive(Debug)]
 pub struct LdrobotDriver<'a> {
     decoder: PacketDecoder,
-    base: SessionBase,
+    base: DialogueBase,
     turns: TurnAssembler<'a>,
     connected: bool,
     streaming: bool,
@@ -44,7 +44,7 @@ impl<'a> LdrobotDriver<'a> {
     pub fn new(latency: Duration, beams: &'a mut [Beam]) -> Self {
         Self {
             decoder: PacketDecoder::default(),
-            base: SessionBase { rates: BaudRates::new([BAUD]), ..SessionBase::default() },
+            base: DialogueBase { rates: BaudRates::new([BAUD]), ..DialogueBase::default() },
             turns: TurnAssembler::new(beams),
             connected: false,
             streaming: false,

@@ -81,11 +81,6 @@ impl RplidarDecoder {
         (self.awaited, self.len, self.used, self.lost) = (None, 0, 0, false);
     }
 
-    /// True while a response has begun and has not ended.
-    pub fn is_inside_response(&self) -> bool {
-        self.len > self.used
-    }
-
     /// Times that a response turned out damaged after one that was not.
     pub fn damaged(&self) -> u32 {
         self.damaged

@@ -3,8 +3,8 @@
 use super::decoder::{DecoderEvent, RplidarDecoder};
 use super::request::Request;
 use super::response::{Capsule, Health, Measured, ResponseKind, parse_sample};
+use crate::dialogue::{DialogueBase, Patience, Pending};
 use crate::driver::{BaudRates, Cause, Counters, Input, LrfDriver, Output, Step};
-use crate::session::{Patience, Pending, SessionBase};
 use crate::turn::{Sample, TurnAssembler, sample_time};
 use identity::describe;
 use lrfslam_scan::time::{Duration, Instant};
@@ -59,13 +59,13 @@ enum State {
 #[derive(Debug)]
 pub struct RplidarDriver<'a> {
     decoder: RplidarDecoder,
-    session: Session<'a>,
+    dialogue: Dialogue<'a>,
 }
 
 #[derive(Debug)]
-struct Session<'a> {
+struct Dialogue<'a> {
     config: RplidarConfig,
-    base: SessionBase,
+    base: DialogueBase,
     state: State,
     attempts_left: u8,
     /// A request was put out: the decoder is to look for its descriptor.
@@ -81,9 +81,9 @@ struct Session<'a> {
 impl<'a> RplidarDriver<'a> {
     /// A driver that waits for [`Input::Connected`]; `beams`: [`BEAM_MEMORY`] of them.
     pub fn new(config: RplidarConfig, beams: &'a mut [Beam]) -> Self {
-        let session = Session {
+        let dialogue = Dialogue {
             config,
-            base: SessionBase::default(),
+            base: DialogueBase::default(),
             state: State::Idle,
             attempts_left: 0,
             awaits_descriptor: false,
@@ -93,20 +93,20 @@ impl<'a> RplidarDriver<'a> {
             previous_end: Instant::default(),
             turns: TurnAssembler::new(beams),
         };
-        Self { decoder: RplidarDecoder::default(), session }
+        Self { decoder: RplidarDecoder::default(), dialogue }
     }
 
     fn take(&mut self, now: Instant, bytes: &[u8]) -> usize {
         let mut taken = 0;
-        while self.session.base.outbox.is_empty() {
+        while self.dialogue.base.outbox.is_empty() {
             let rest = bytes.get(taken..).unwrap_or(b"");
             let (count, event) = self.decoder.feed(rest);
             taken += count;
             let more = event.is_some();
             match event {
-                Some(DecoderEvent::Descriptor(kind)) => self.session.on_descriptor(now, kind),
-                Some(DecoderEvent::Response(kind, bytes)) => self.session.on_response(now, kind, bytes),
-                Some(DecoderEvent::Capsule(capsule)) => self.session.on_capsule(now, capsule),
+                Some(DecoderEvent::Descriptor(kind)) => self.dialogue.on_descriptor(now, kind),
+                Some(DecoderEvent::Response(kind, bytes)) => self.dialogue.on_response(now, kind, bytes),
+                Some(DecoderEvent::Capsule(capsule)) => self.dialogue.on_capsule(now, capsule),
                 None => {}
             }
             self.after_input(now);
@@ -119,14 +119,14 @@ impl<'a> RplidarDriver<'a> {
 
     /// Takes over what the session wants of the decoder, and what the decoder found wrong.
     fn after_input(&mut self, now: Instant) {
-        self.session.count_damaged(now, self.decoder.damaged());
-        if core::mem::take(&mut self.session.awaits_descriptor) {
+        self.dialogue.count_damaged(now, self.decoder.damaged());
+        if core::mem::take(&mut self.dialogue.awaits_descriptor) {
             self.decoder.expect_descriptor();
         }
     }
 }
 
-impl Session<'_> {
+impl Dialogue<'_> {
     fn find(&mut self, now: Instant) {
         let known = [self.base.last_good_baud, self.config.baud].into_iter();
         let others = RATES.into_iter().filter(|_| self.config.baud == 0);
@@ -323,26 +323,26 @@ impl LrfDriver for RplidarDriver<'_> {
     fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
         match input {
             Input::Bytes(bytes) => return self.take(now, bytes),
-            Input::Timeout if self.session.base.patience.is_over(now) => self.session.on_timeout(now),
+            Input::Timeout if self.dialogue.base.patience.is_over(now) => self.dialogue.on_timeout(now),
             Input::Timeout => {}
             Input::Connected => {
-                self.session.base.back_off.reset();
-                self.session.find(now);
+                self.dialogue.base.back_off.reset();
+                self.dialogue.find(now);
             }
-            Input::Disconnected => self.session.on_disconnected(),
-            Input::Stop => self.session.on_stop(now),
+            Input::Disconnected => self.dialogue.on_disconnected(),
+            Input::Stop => self.dialogue.on_stop(now),
         }
         self.after_input(now);
         0
     }
 
     fn poll_output(&mut self) -> Output<'_> {
-        let session = &mut self.session;
-        session.base.poll_output(|| session.turns.scan(session.config.latency, RANGE_MAX_M))
+        let dialogue = &mut self.dialogue;
+        dialogue.base.poll_output(|| dialogue.turns.scan(dialogue.config.latency, RANGE_MAX_M))
     }
 
     fn counters(&self) -> Counters {
-        self.session.base.counters(self.decoder.damaged())
+        self.dialogue.base.counters(self.decoder.damaged())
     }
 }
 

@@ -2,8 +2,6 @@
 
 /// Bytes of the block on new firmware (V02.30, X01.27).
 pub const LEN_NEW: usize = 34;
-/// Bytes of the block on older LMS200.
-pub const LEN_OLD: usize = 32;
 
 /// Unit of a range on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -89,29 +87,14 @@ impl ConfigBlock {
         }
     }
 
-    /// Nothing nearer is measured, cm (offset 0).
-    pub fn blanking_cm(&self) -> u16 {
-        u16::from_le_bytes([self.get(0), self.get(1)])
-    }
-
     /// Availability bits (offset 4): 1 highest, 2 real-time index in scans, 4 no effect of dazzle.
     pub fn availability(&self) -> u8 {
         self.get(4)
     }
 
-    /// Sets the availability bits.
-    pub fn set_availability(&mut self, bits: u8) {
-        self.set(4, bits);
-    }
-
     /// Measuring mode (offset 5): see [`ValueFormat`](super::measurement::ValueFormat).
     pub fn measuring_mode(&self) -> u8 {
         self.get(5)
-    }
-
-    /// Sets the measuring mode.
-    pub fn set_measuring_mode(&mut self, mode: u8) {
-        self.set(5, mode);
     }
 
     /// Unit of ranges (offset 6); `None` for a code not known.
@@ -131,11 +114,11 @@ mod tests {
 
     #[test]
     fn both_sizes_are_read_and_keep_their_bytes() {
-        for len in [LEN_OLD, LEN_NEW, 7] {
+        for len in [32, LEN_NEW, 7] {
             let bytes: std::vec::Vec<u8> = (0..len as u8).collect();
             let block = ConfigBlock::parse(&bytes).unwrap();
             assert_eq!(block.bytes(), bytes);
-            assert_eq!((block.blanking_cm(), block.measuring_mode(), block.unit()), (0x0100, 5, None));
+            assert_eq!((block.availability(), block.measuring_mode(), block.unit()), (4, 5, None));
         }
         assert_eq!(ConfigBlock::parse(&[0; 35]), None);
         assert_eq!(ConfigBlock::parse(&[]), None);
@@ -145,7 +128,7 @@ mod tests {
     fn short_block_overwrites_only_the_front() {
         let mut block = ConfigBlock::new(LEN_NEW);
         block.overlay(&ConfigBlock::parse(&[1, 0, 0, 0, 2, 3, 0]).unwrap());
-        assert_eq!((block.blanking_cm(), block.availability(), block.measuring_mode()), (1, 2, 3));
+        assert_eq!((block.bytes()[0], block.availability(), block.measuring_mode()), (1, 2, 3));
         assert_eq!((block.unit(), block.bytes().len()), (Some(Unit::Centimetre), LEN_NEW));
     }
 }

@@ -17,8 +17,8 @@ use super::reply::Reply;
 use super::request::{OperatingMode, PASSWORD, Request, Variant};
 use super::scan::ScanLayout;
 use super::telegram::Direction;
+use crate::dialogue::{DialogueBase, Patience};
 use crate::driver::{BaudPolicy, Cause, Counters, Input, LrfDriver, Output, Step};
-use crate::session::{Patience, SessionBase};
 use lrfslam_scan::time::{Duration, Instant};
 use lrfslam_scan::{Beam, RangeScan};
 
@@ -134,14 +134,14 @@ enum State {
 #[derive(Debug)]
 pub struct SickDriver<'a> {
     decoder: TelegramDecoder<'a>,
-    session: Session<'a>,
+    dialogue: Dialogue<'a>,
 }
 
 /// Everything but the bytes: lives beside the decoder, so that a telegram can be read in place.
 #[derive(Debug)]
-struct Session<'a> {
+struct Dialogue<'a> {
     config: SickConfig,
-    base: SessionBase,
+    base: DialogueBase,
     state: State,
     attempts_left: u8,
     telegram_began: Instant,
@@ -175,9 +175,9 @@ impl<'a> SickDriver<'a> {
     /// * `telegram` — [`TELEGRAM_MEMORY`] bytes
     /// * `beams` — [`BEAM_MEMORY`] beams; 181 are enough for mirror turns
     pub fn new(config: SickConfig, telegram: &'a mut [u8], beams: &'a mut [Beam]) -> Self {
-        let session = Session {
+        let dialogue = Dialogue {
             config,
-            base: SessionBase::default(),
+            base: DialogueBase::default(),
             state: State::Idle,
             attempts_left: 0,
             telegram_began: Instant::default(),
@@ -198,7 +198,7 @@ impl<'a> SickDriver<'a> {
             scan_stamp: Instant::default(),
             range_max_m: 0.0,
         };
-        Self { decoder: TelegramDecoder::new(Direction::ToHost, telegram), session }
+        Self { decoder: TelegramDecoder::new(Direction::ToHost, telegram), dialogue }
     }
 }
 
@@ -206,32 +206,32 @@ impl LrfDriver for SickDriver<'_> {
     fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
         match input {
             Input::Bytes(bytes) => return self.take(now, bytes),
-            Input::Timeout if self.session.base.patience.is_over(now) => self.on_timeout(now),
+            Input::Timeout if self.dialogue.base.patience.is_over(now) => self.on_timeout(now),
             Input::Timeout => {}
             Input::Connected => {
                 self.decoder.forget();
-                self.session.on_connected(now);
+                self.dialogue.on_connected(now);
             }
             Input::Disconnected => {
                 self.decoder.forget();
-                self.session.on_disconnected();
+                self.dialogue.on_disconnected();
             }
-            Input::Stop => self.session.on_stop(now),
+            Input::Stop => self.dialogue.on_stop(now),
         }
         0
     }
 
     fn poll_output(&mut self) -> Output<'_> {
-        let session = &mut self.session;
-        session.base.poll_output(|| RangeScan {
-            stamp: session.scan_stamp,
-            range_max_m: session.range_max_m,
-            beams: session.beams.get(..session.scan_len).unwrap_or(&[]),
+        let dialogue = &mut self.dialogue;
+        dialogue.base.poll_output(|| RangeScan {
+            stamp: dialogue.scan_stamp,
+            range_max_m: dialogue.range_max_m,
+            beams: dialogue.beams.get(..dialogue.scan_len).unwrap_or(&[]),
         })
     }
 
     fn counters(&self) -> Counters {
-        self.session.base.counters(self.decoder.damaged())
+        self.dialogue.base.counters(self.decoder.damaged())
     }
 }
 
@@ -239,25 +239,25 @@ impl SickDriver<'_> {
     /// Takes bytes up to the first telegram that leads to an output; none while outputs wait.
     fn take(&mut self, now: Instant, bytes: &[u8]) -> usize {
         let mut taken = 0;
-        while self.session.base.outbox.is_empty() {
+        while self.dialogue.base.outbox.is_empty() {
             let rest = bytes.get(taken..).unwrap_or(b"");
             if !self.decoder.is_inside_telegram() {
-                self.session.telegram_began = now;
+                self.dialogue.telegram_began = now;
             }
             let (count, event) = self.decoder.feed(rest);
             taken += count;
             if count > 0 {
-                self.session.on_bytes(now, count);
+                self.dialogue.on_bytes(now, count);
             }
             match event {
-                Some(DecoderEvent::Telegram(payload)) => self.session.on_payload(now, payload),
-                Some(DecoderEvent::Ack) => self.session.on_ack(now),
-                Some(DecoderEvent::Nak) => self.session.on_nak(now),
+                Some(DecoderEvent::Telegram(payload)) => self.dialogue.on_payload(now, payload),
+                Some(DecoderEvent::Ack) => self.dialogue.on_ack(now),
+                Some(DecoderEvent::Nak) => self.dialogue.on_nak(now),
                 None if taken >= bytes.len() => break,
                 None => {}
             }
         }
-        self.session.count_damaged(now, self.decoder.damaged());
+        self.dialogue.count_damaged(now, self.decoder.damaged());
         taken
     }
 
@@ -266,15 +266,15 @@ impl SickDriver<'_> {
         if self.decoder.is_inside_telegram() {
             self.decoder.abandon();
             let _ = self.take(now, b"");
-            if !self.session.base.patience.is_over(now) {
+            if !self.dialogue.base.patience.is_over(now) {
                 return;
             }
         }
-        self.session.on_timeout(now);
+        self.dialogue.on_timeout(now);
     }
 }
 
-impl Session<'_> {
+impl Dialogue<'_> {
     fn on_payload(&mut self, now: Instant, payload: &[u8]) {
         let Some(reply) = Reply::parse(payload) else {
             return self.refuse(now);

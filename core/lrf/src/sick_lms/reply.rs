@@ -18,16 +18,6 @@ impl DeviceStatus {
     pub const fn severity(self) -> u8 {
         self.0 & 7
     }
-
-    /// Measured values are implausible.
-    pub const fn is_implausible(self) -> bool {
-        self.0 & 0x40 != 0
-    }
-
-    /// The front window is dirty.
-    pub const fn is_polluted(self) -> bool {
-        self.0 & 0x80 != 0
-    }
 }
 
 /// Fields of a B1 status report, in place.
@@ -51,11 +41,6 @@ impl<'a> StatusReport<'a> {
     /// Software version text (1–7).
     pub fn software(&self) -> &'a str {
         self.payload.get(1..8).and_then(|text| core::str::from_utf8(text).ok()).unwrap_or("")
-    }
-
-    /// Operating mode, as in a 0x20 telegram (8).
-    pub fn operating_mode(&self) -> u8 {
-        self.byte(8)
     }
 
     /// True if the sensor found an error in itself (9).
@@ -230,9 +215,9 @@ mod tests {
     }
 
     #[test]
-    fn severity_and_flags_of_the_status_byte() {
+    fn severity_of_the_status_byte() {
         let status = DeviceStatus(0xD3);
-        assert!(status.severity() == 3 && status.is_implausible() && status.is_polluted());
+        assert!(status.severity() == 3);
         assert_eq!(DeviceStatus::OK.severity(), 0);
     }
 }

@@ -125,7 +125,7 @@ impl Plan<'_> {
         if let (Some(saved), Some(from)) = (&self.saved, &self.args.going_on.continued) {
             map.go_on(saved, from, start).map_err(Failure::Start)?;
         }
-        Session::new(self, map, scans, folder).run()
+        LiveMapping::new(self, map, scans, folder).run()
     }
 
     /// Where the robot is in the map to go on with.
@@ -148,7 +148,7 @@ impl Plan<'_> {
 const TELL_EVERY: WallDuration = WallDuration::from_secs(2);
 
 /// Scans on their way into a map.
-struct Session<'a, 'm> {
+struct LiveMapping<'a, 'm> {
     plan: &'a Plan<'a>,
     map: MapRun<'m>,
     scans: ReadAhead,
@@ -162,7 +162,7 @@ struct Session<'a, 'm> {
     fault: Option<anyhow::Error>,
 }
 
-impl<'a, 'm> Session<'a, 'm> {
+impl<'a, 'm> LiveMapping<'a, 'm> {
     fn new(plan: &'a Plan<'a>, map: MapRun<'m>, mut scans: ReadAhead, folder: ResultFolder) -> Self {
         let robot_from_lrf = plan.config.robot_from_lrf();
         let watch = SpeedWatch { config: plan.config.speed, robot_from_lrf, too_fast: 0, last: None };

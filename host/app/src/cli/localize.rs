@@ -109,7 +109,7 @@ pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
     let (scans, folder) = args.open(&config, stop)?;
     let mut scans = ReadAhead::new(scans, args.end);
     scans.wait(stop)?;
-    Session { args, saved: &saved, config, start, run, scans, folder, fault: None }.run(stop)
+    Localization { args, saved: &saved, config, start, run, scans, folder, fault: None }.run(stop)
 }
 
 impl LocalizeArgs {
@@ -138,7 +138,7 @@ pub(super) fn not_whole(folder: &Path, error: &impl std::fmt::Display) -> Failur
 }
 
 /// Scans on their way through a map.
-struct Session<'a> {
+struct Localization<'a> {
     args: &'a LocalizeArgs,
     saved: &'a SavedMap,
     config: RunConfig,
@@ -149,7 +149,7 @@ struct Session<'a> {
     fault: Option<anyhow::Error>,
 }
 
-impl Session<'_> {
+impl Localization<'_> {
     fn run(mut self, stop: &AtomicBool) -> Result<(), Failure> {
         let progress = Progress::new(self.scans.scans(), self.args.tell.is_quiet());
         let mut is_known = None;

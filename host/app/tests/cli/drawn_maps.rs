@@ -7,6 +7,7 @@ use std::path::Path;
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::grid::{CellIndex, cells_on_ray};
 use lrfslam_core::scan::RangeScan;
+use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::Instant;
 use lrfslam_firmware_sim::lrf_model::{LrfModel, SimulatedLrf};
 use lrfslam_firmware_sim::scenario::Scenario;
@@ -179,7 +180,8 @@ fn against_truth(world: &str, floor: &[[f32; 4]], lrf: LrfModel, config: MapConf
         let beams = laser.snapshot(&scene, at);
         let pose = drive.pose(at);
         let pose = Pose2::new(pose.x as f32, pose.y as f32, pose.heading as f32);
-        map.insert(&RangeScan { stamp: at, range_max_m: lrf.range_m[1] as f32, beams: &beams }, pose);
+        let scan = RangeScan { stamp: at, range_max_m: lrf.range_m[1] as f32, beams: &beams };
+        map.insert(&Sweep::at_rest(scan, Pose2::IDENTITY), pose);
         path.push(pose.position());
     }
     let inside = |place: Point2, margin_m: f32| {
@@ -241,7 +243,8 @@ fn map_server_reads_what_was_drawn() {
     let scenario = Scenario::parse(PANES, "test", Path::new("")).unwrap();
     let mut map = OccupancyMap::new(MapConfig::default());
     let beams = SimulatedLrf::new(LrfModel::LMS200, 1).snapshot(&scenario.scene(), Instant::default());
-    map.insert(&RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams }, Pose2::new(-3.0, 7.0, 0.5));
+    let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+    map.insert(&Sweep::at_rest(scan, Pose2::IDENTITY), Pose2::new(-3.0, 7.0, 0.5));
     let raster = map.raster(16_000).unwrap();
     let folder = tempfile::tempdir().unwrap();
     write_map(folder.path(), &raster).unwrap();

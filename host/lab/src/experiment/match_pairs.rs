@@ -165,7 +165,7 @@ impl Bench {
         let own = ndt.score(&points_of(target, self.run.slam.filter.radius_m, &self.run), Pose2::IDENTITY);
         let prediction = Prediction { map_from_robot: truth * offset.inverse(), score_expected: own };
         let seed = u64::from(rng.next_u32());
-        let determined = is_determined(&self.run.slam.matcher, &ndt, &points, truth);
+        let determined = is_determined(&ndt, &points, truth);
         self.judged += 1;
         self.undetermined += usize::from(!determined);
         for (contender, tally) in CONTENDERS.into_iter().zip(&mut self.tally) {

@@ -3,7 +3,7 @@
 use lrfslam_core::de::Member;
 use lrfslam_core::filter::{FilterConfig, hits, thin};
 use lrfslam_core::geometry::{Point2, Pose2};
-use lrfslam_core::matcher::{Match, MatcherConfig, Prediction, ScanMatcher, SearchConfig};
+use lrfslam_core::matcher::{CONSTRAINT_MIN, Match, MatcherConfig, Prediction, ScanMatcher, SearchConfig};
 use lrfslam_core::math::uniform;
 use lrfslam_core::ndt::NdtGrid;
 use lrfslam_core::random::RandomStream;
@@ -77,9 +77,9 @@ pub(super) fn overlap(reference: &[Point2], points: &[Point2], truth: Pose2) -> 
 }
 
 /// True if the scene determines every axis at the truth.
-pub(super) fn is_determined(config: &MatcherConfig, ndt: &NdtGrid<'_>, points: &[Point2], truth: Pose2) -> bool {
+pub(super) fn is_determined(ndt: &NdtGrid<'_>, points: &[Point2], truth: Pose2) -> bool {
     let [xx, xy, yy] = ndt.constraint(points, truth);
-    0.5 * (xx + yy) - (0.5 * (xx - yy)).hypot(xy) >= config.constraint_min
+    0.5 * (xx + yy) - (0.5 * (xx - yy)).hypot(xy) >= CONSTRAINT_MIN
 }
 
 /// Where a contender found a scan.

@@ -290,7 +290,7 @@ impl Bench {
         let config = self.config(Method::Ours, run);
         let Some(mut ndt) = cells(&config, &mut self.directory, &mut self.tiles) else { return false };
         ndt.insert(&points_of(pair.target, 0.0, run), Pose2::IDENTITY);
-        is_determined(&run.slam.matcher, &ndt, &points_of(pair.source, run.slam.filter.radius_m, run), pair.truth)
+        is_determined(&ndt, &points_of(pair.source, run.slam.filter.radius_m, run), pair.truth)
     }
 
     fn config(&self, method: Method, run: &Rig) -> NdtConfig {

@@ -23,9 +23,9 @@ use lrfslam_core::sweep::Sweep;
 use nalgebra::Matrix3;
 use serde::Serialize;
 
-pub use particles::{HighParticles, HighParticlesConfig};
+pub use particles::{HighParticles, filter_config};
 pub use saved::{SavedPath, SavedPathError};
-pub use segment::SegmentConfig;
+pub(crate) use segment::drift_variances;
 
 use self::placing::ReferenceState;
 use self::segment::{LowStep, Segment};
@@ -39,32 +39,23 @@ use crate::scans::store::ScanStore;
 lrfslam_core::config! {
     /// High level.
     pub struct HighConfig {
-        /// A scan is kept for drawing and matching if the robot has moved so far since the last one kept, m …
-        keep_distance_m: f32 = 0.02, in 0.0..=10.0;
-        /// … or turned so far, degrees. 8 bytes a beam of a scan kept.
-        keep_rotation_deg: f32 = 1.0, in 0.0..=180.0;
         /// The low level goes on in the corrected map. Without, the high level only watches.
         feedback: bool = true;
-        /// The low level's map holds what is this certain as seen from the robot, m (one standard deviation).
-        reference_sigma_m: f32 = 0.2, in 0.01..=100.0;
-        /// … and in any case the latest path of so much travel, m.
-        reference_travel_m: f32 = 20.0, in 1.0..=1000.0;
-        /// Nothing farther away than this, m.
-        reference_distance_m: f32 = 50.0, in 1.0..=1000.0;
-        /// Of this, scans this far apart, m …
-        reference_step_m: f32 = 0.05, in 0.0..=10.0;
-        /// … or so far turned, degrees.
-        reference_step_deg: f32 = 2.0, in 0.0..=180.0;
     }
 }
+
+/// A scan is kept for drawing and matching if the robot has moved so far since the last one kept, m …
+const KEEP_DISTANCE_M: f32 = 0.02;
+/// … or turned so far, degrees. 8 bytes a beam of a scan kept. Both chosen.
+const KEEP_ROTATION_DEG: f32 = 1.0;
+/// A closure waits for a second one for so many segments.
+const WAITING_SEGMENTS: usize = 5;
 
 /// The configuration of the high level with all its parts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct HighConfigs {
     /// What is kept, and what the low level goes on in.
     pub high: HighConfig,
-    /// Segments.
-    pub segment: SegmentConfig,
     /// Closures.
     pub closure: ClosureConfig,
     /// Cells in which closures are refined.
@@ -118,7 +109,7 @@ impl<'m> HighSlam<'m> {
             segments: Vec::new(),
             open: Segment::empty(),
             graph,
-            closer: Closer::new(&config.closure, &config.ndt),
+            closer: Closer::new(&config.ndt),
             particles,
             low: None,
             kept: None,
@@ -144,8 +135,8 @@ impl<'m> HighSlam<'m> {
             is_lost: low.is_lost,
             scan: self.keep(sweep, start_from_robot, low.is_lost),
         };
-        self.open.push(&self.config.segment, &step);
-        if !self.open.is_complete(&self.config.segment) {
+        self.open.push(&step);
+        if !self.open.is_complete() {
             return Ok(None);
         }
         self.complete_segment()?;
@@ -170,10 +161,9 @@ impl<'m> HighSlam<'m> {
 
     /// Stores the scan if the robot has moved; returns its place. One that is not believed, or without beams, is not stored.
     fn keep(&mut self, sweep: &Sweep<'_>, start_from_robot: Pose2, is_lost: bool) -> Option<u32> {
-        let high = &self.config.high;
         let has_moved = self.kept.is_none_or(|kept| {
             let step = kept.between(start_from_robot);
-            step.position().norm() >= high.keep_distance_m || step.heading.abs() >= high.keep_rotation_deg.to_radians()
+            step.position().norm() >= KEEP_DISTANCE_M || step.heading.abs() >= KEEP_ROTATION_DEG.to_radians()
         });
         if is_lost || !has_moved || sweep.scan.beams.is_empty() {
             return None;
@@ -211,7 +201,7 @@ impl<'m> HighSlam<'m> {
 
     /// Looks for older places that the segment that starts at node `newer` came back to; true if the graph has new closures.
     fn close_loops(&mut self, newer: usize) -> bool {
-        self.closer.forget_before(newer.saturating_sub(5));
+        self.closer.forget_before(newer.saturating_sub(WAITING_SEGMENTS));
         let reached = reach_from(&self.graph, newer);
         let mut found = Vec::new();
         for (older, reach) in self.candidates(newer, &reached) {
@@ -221,7 +211,7 @@ impl<'m> HighSlam<'m> {
         }
         let moved = found.iter().map(|closure| closure.moves_m).fold(0.0, f32::max);
         self.counts.largest_move_m = self.counts.largest_move_m.max(moved);
-        found.iter().for_each(|closure: &Closure| self.graph.add_edge(closure.edge(&self.config.closure)));
+        found.iter().for_each(|closure: &Closure| self.graph.add_edge(closure.edge()));
         !found.is_empty()
     }
 

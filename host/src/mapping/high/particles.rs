@@ -7,11 +7,13 @@
 //! ([`Segment::covariance`](super::segment::Segment)) and not a constant, and the trajectory is the low level's corrected one, not a sample of several.
 
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::low_slam::{LowSlam, LowSlamConfigs, LowSlamMemoryError, Stretch};
+use lrfslam_core::low_slam::{LowSlam, LowSlamConfig, LowSlamConfigs, LowSlamMemoryError, Stretch};
 use lrfslam_core::math::normal;
 use lrfslam_core::motion::Motion;
+use lrfslam_core::perception::PerceptionConfig;
 use lrfslam_core::rays::RayCapacityError;
 use lrfslam_core::scan::Beam;
+use lrfslam_core::slam::SlamConfig;
 use lrfslam_core::sweep::Sweep;
 use nalgebra::{Matrix3, Vector3};
 use rand_core::Rng;
@@ -24,31 +26,34 @@ use crate::mapping::threads::weigh_on_threads;
 use crate::pose_f64::PoseF64;
 use crate::scans::store::ScanStore;
 
-lrfslam_core::config! {
-    /// Particles of the high level (thesis 3.2.3.4 and 4.5.2), with `hierarchy.closing = "particles"`.
-    pub struct HighParticlesConfig {
-        /// Particles kept at most. The original: 50.
-        particles: u16 = 50, in 1..=10000;
-        /// Poses tried for each particle kept. The original: 10.
-        samples_per_particle: u16 = 10, in 1..=100;
-        /// The laser's σ in the segments' maps, m. The thesis: 0.07; the original: 0.41.
-        sigma_m: f32 = 0.07, in 0.005..=2.0;
-        /// The log-likelihood of a segment is multiplied by this: its scans all share what the map is off. The thesis: 1.
-        gain: f32 = 0.1, in 0.0001..=10.0;
-        /// Of a segment, scans this far apart are weighed and printed, m …
-        scan_step_m: f32 = 0.3, in 0.0..=10.0;
-        /// … or so far turned, degrees. The thesis: all.
-        scan_step_deg: f32 = 15.0, in 0.0..=180.0;
-        /// Standard deviations of the drift sampled, in those that the low level's doubts add up to, which are on the safe side: particles that
-        /// nothing has told apart yet wander off by what they are sampled with.
-        drift_sigmas: f32 = 0.2, in 0.0..=10.0;
+/// Particles kept at most. Source: the original.
+const PARTICLES: u16 = 50;
+/// Poses tried for each particle kept. Source: the original.
+const SAMPLES_PER_PARTICLE: u16 = 10;
+/// The laser's σ in the segments' maps, m. Source: the thesis (4.5.2); the original: 0.41.
+const SIGMA_M: f32 = 0.07;
+/// The log-likelihood of a segment is multiplied by this: its scans all share what the map is off. Chosen; the thesis: 1.
+const GAIN: f32 = 0.1;
+/// Of a segment, scans this far apart are weighed and printed, m …
+const SCAN_STEP_M: f32 = 0.3;
+/// … or so far turned, degrees. Chosen; the thesis: all.
+const SCAN_STEP_DEG: f32 = 15.0;
+/// Standard deviations of the drift sampled, in those that the low level's doubts add up to, which are on the safe side: particles that
+/// nothing has told apart yet wander off by what they are sampled with. Chosen.
+const DRIFT_SIGMAS: f32 = 0.2;
+
+/// What core's particle filter works with at the high level; `slam` is the low level's.
+pub fn filter_config(slam: &SlamConfig) -> LowSlamConfigs {
+    LowSlamConfigs {
+        filter: LowSlamConfig { particles: PARTICLES, samples_per_particle: SAMPLES_PER_PARTICLE },
+        perception: PerceptionConfig { sigma_m: SIGMA_M, gain: GAIN, ..slam.perception },
+        ..slam.low_slam()
     }
 }
 
 /// A particle filter whose steps are segments: each particle is a history of where they lie, with its own map.
 #[derive(Debug)]
 pub struct HighParticles<'m> {
-    config: HighParticlesConfig,
     filter: LowSlam<'m, SIDE>,
     windows: &'m mut [WindowSlots],
     genealogy: Genealogy,
@@ -61,15 +66,10 @@ impl<'m> HighParticles<'m> {
     ///
     /// # Errors
     /// If the memory does not fit the configuration.
-    pub fn new(
-        config: &HighParticlesConfig,
-        filter: &LowSlamConfigs,
-        seed: u64,
-        memory: &'m mut ParticlePools,
-    ) -> Result<Self, LowSlamMemoryError> {
+    pub fn new(filter: &LowSlamConfigs, seed: u64, memory: &'m mut ParticlePools) -> Result<Self, LowSlamMemoryError> {
         let (lent, windows) = memory.lend();
         let filter = LowSlam::new(filter, seed, lent)?;
-        Ok(Self { config: *config, filter, windows, genealogy: Genealogy::default(), drift: Drift(Matrix3::zeros()) })
+        Ok(Self { filter, windows, genealogy: Genealogy::default(), drift: Drift(Matrix3::zeros()) })
     }
 
     /// Takes the next segment; returns where all segments end in the history of the most likely particle.
@@ -77,7 +77,7 @@ impl<'m> HighParticles<'m> {
     /// # Errors
     /// If a scan has more beams than there is memory for.
     pub fn add(&mut self, segment: &Segment, scans: &ScanStore) -> Result<Vec<PoseF64>, RayCapacityError> {
-        let (step_m, step_rad) = (self.config.scan_step_m, self.config.scan_step_deg.to_radians());
+        let (step_m, step_rad) = (SCAN_STEP_M, SCAN_STEP_DEG.to_radians());
         let kept = segment.poses.iter().filter_map(|pose| Some((pose.start_from_robot, pose.scan?)));
         let mut stretch = SegmentScans { kept: apart(kept, step_m, step_rad).collect(), scans, beams: Vec::new() };
         let end = segment.start_from_end;
@@ -85,7 +85,7 @@ impl<'m> HighParticles<'m> {
         let report = self.filter.step_along(&mut stretch, end.to_f32(), &drift, |weighing, samples, own| {
             weigh_on_threads(weighing, samples, own, windows);
         })?;
-        self.drift = Drift::at_end_of(segment, self.config.drift_sigmas);
+        self.drift = Drift::at_end_of(segment);
         self.genealogy.add(self.filter.particles());
         Ok(self.genealogy.path(report.best).into_iter().map(PoseF64::from).collect())
     }
@@ -96,12 +96,12 @@ impl<'m> HighParticles<'m> {
 struct Drift(Matrix3<f32>);
 
 impl Drift {
-    fn at_end_of(segment: &Segment, sigmas: f32) -> Self {
+    fn at_end_of(segment: &Segment) -> Self {
         let (sin, cos) = segment.start_from_end.heading.sin_cos();
         let turned = Matrix3::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0);
         let covariance = turned * segment.covariance * turned.transpose() + Matrix3::from_diagonal_element(1e-12);
         let factor = covariance.cholesky().map(|cholesky| cholesky.l());
-        Self(factor.map_or_else(Matrix3::zeros, |factor| factor.map(|entry| sigmas * entry as f32)))
+        Self(factor.map_or_else(Matrix3::zeros, |factor| factor.map(|entry| DRIFT_SIGMAS * entry as f32)))
     }
 }
 

@@ -3,7 +3,7 @@
 use lrfslam_core::geometry::Pose2;
 
 use super::HighSlam;
-use super::segment::SegmentPose;
+use super::segment::{SegmentPose, TRAVEL_M};
 use crate::maps::occupancy::OccupancyMap;
 use crate::places::closing::Closure;
 use crate::places::correlation::SearchWindow;
@@ -16,6 +16,36 @@ use crate::trajectory::TimedPose;
 const SUBMAP_STEP_M: f32 = 0.2;
 /// … or so far turned, rad.
 const SUBMAP_STEP_RAD: f32 = 0.1;
+/// Travel of the latest path that is searched for, m: more is told apart better. Chosen.
+const QUERY_TRAVEL_M: f32 = 8.0;
+/// Travel, before and after an older pose, of the path that is searched in, m. Chosen.
+const PLACE_TRAVEL_M: f32 = 10.0;
+/// Older path counts as older from so much travel on, m. Chosen.
+const GAP_TRAVEL_M: f32 = 20.0;
+/// Older places searched after each segment. Chosen.
+const CANDIDATES: usize = 3;
+/// The window reaches so many standard deviations of the drift to each side …
+const WINDOW_SIGMAS: f32 = 3.0;
+/// … and what a submap is off in itself, m …
+const WINDOW_MORE_M: f32 = 0.3;
+/// … and rad …
+const WINDOW_MORE_RAD: f32 = 0.02;
+/// … but no farther than this, m. Cost grows with its square …
+const WINDOW_MAX_M: f32 = 15.0;
+/// … and this, degrees. Both chosen.
+const WINDOW_MAX_DEG: f32 = 25.0;
+/// The low level's map holds what is this certain as seen from the robot, m (one standard deviation) …
+const REFERENCE_SIGMA_M: f32 = 0.2;
+/// … and in any case the latest path of so much travel, m …
+const REFERENCE_TRAVEL_M: f32 = 20.0;
+/// … but nothing farther away than this, m …
+const REFERENCE_DISTANCE_M: f64 = 50.0;
+/// … and is made anew for what comes nearer than this share of that.
+const REFERENCE_NEW_SHARE: f64 = 0.6;
+/// Of this, scans this far apart, m …
+const REFERENCE_STEP_M: f32 = 0.05;
+/// … or so far turned, degrees. All chosen.
+const REFERENCE_STEP_DEG: f32 = 2.0;
 /// Two places farther apart than this share too little to be compared, besides the window, m.
 const PLACES_APART_M: f64 = 8.0;
 /// The low level's map is made anew if one of its segments has moved so far, m …
@@ -63,7 +93,7 @@ impl HighSlam<'_> {
         let mut beams = Vec::new();
         for (map_from_robot, scan) in (0..=self.segments.len()).flat_map(|k| self.scans_of(k)) {
             if let Some(sweep) = self.scans.sweep(scan as usize, &mut beams) {
-                map.insert(&sweep.scan, map_from_robot * sweep.robot_from_lrf);
+                map.insert(&sweep, map_from_robot);
             }
         }
     }
@@ -106,50 +136,45 @@ impl HighSlam<'_> {
 
     /// Older nodes to be searched for `newer`, the nearest first, each apart from the others.
     pub(super) fn candidates(&self, newer: usize, reached: &[Option<Reach>]) -> Vec<(usize, Reach)> {
-        let closure = &self.config.closure;
         let nodes = self.graph.nodes();
         let mut travel_m = 0.0;
         let mut near = Vec::new();
         for older in (0..newer).rev() {
             travel_m += self.segments[older].travel_m;
-            let Some(reach) = reached[older].filter(|_| travel_m >= closure.gap_travel_m) else { continue };
+            let Some(reach) = reached[older].filter(|_| travel_m >= GAP_TRAVEL_M) else { continue };
             let distance = nodes[older].between(nodes[newer]).distance_m();
-            if distance <= PLACES_APART_M + f64::from(self.window_m(&reach)) {
+            if distance <= PLACES_APART_M + f64::from(Self::window_m(&reach)) {
                 near.push((distance, older, reach));
             }
         }
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let apart = (closure.place_travel_m / self.config.segment.travel_m).ceil() as usize;
+        let apart = (PLACE_TRAVEL_M / TRAVEL_M).ceil() as usize;
         let mut chosen: Vec<(usize, Reach)> = Vec::new();
         for (_, older, reach) in near {
-            if chosen.len() < usize::from(closure.candidates)
-                && chosen.iter().all(|(other, _)| other.abs_diff(older) >= apart)
-            {
+            if chosen.len() < CANDIDATES && chosen.iter().all(|(other, _)| other.abs_diff(older) >= apart) {
                 chosen.push((older, reach));
             }
         }
         chosen
     }
 
-    fn window_m(&self, reach: &Reach) -> f32 {
-        let closure = &self.config.closure;
-        (closure.window_sigmas * reach.position_m() as f32 + 0.3).min(closure.window_max_m)
+    fn window_m(reach: &Reach) -> f32 {
+        (WINDOW_SIGMAS * reach.position_m() as f32 + WINDOW_MORE_M).min(WINDOW_MAX_M)
     }
 
     /// Searches the latest path in the path about `older`.
     pub(super) fn find_closure(&mut self, older: usize, newer: usize, reach: &Reach) -> Option<Closure> {
-        let config = self.config.closure;
-        let query = self.segments_about(newer, config.query_travel_m - self.segments[newer].travel_m, 0.0);
-        let place = self.segments_about(older, config.place_travel_m, config.place_travel_m);
+        let query = self.segments_about(newer, QUERY_TRAVEL_M - self.segments[newer].travel_m, 0.0);
+        let place = self.segments_about(older, PLACE_TRAVEL_M, PLACE_TRAVEL_M);
         let place = *place.start()..=(*place.end()).min(query.start().saturating_sub(1));
         let (query, place) = (self.submap(query, newer), self.submap(place, older));
         let nodes = self.graph.nodes();
         let centre = nodes[older].between(nodes[newer]).to_f32();
-        let heading_rad = config.window_sigmas * reach.heading_rad() as f32 + 0.02;
+        let heading_rad = WINDOW_SIGMAS * reach.heading_rad() as f32 + WINDOW_MORE_RAD;
         let window = SearchWindow {
             centre,
-            distance_m: self.window_m(reach),
-            heading_rad: heading_rad.min(config.window_max_deg.to_radians()),
+            distance_m: Self::window_m(reach),
+            heading_rad: heading_rad.min(WINDOW_MAX_DEG.to_radians()),
         };
         let found = self.closer.find(&query, &place, &window)?;
         let moves_m = (found.pose.position() - centre.position()).norm();
@@ -159,21 +184,20 @@ impl HighSlam<'_> {
 
     /// What the low level is to be matched against from `node` on; `None` if that has hardly changed.
     pub(super) fn changed_reference(&mut self, node: usize) -> Option<Vec<(Pose2, u32)>> {
-        let high = &self.config.high;
         let reached = reach_from(&self.graph, node);
         let nodes = self.graph.nodes();
         let last = self.segments.len() - 1;
         let mut wanted: Vec<Option<PoseF64>> = vec![None; self.segments.len()];
         let mut has_changed = false;
-        let recent = *self.segments_about(last, high.reference_travel_m, 0.0).start();
+        let recent = *self.segments_about(last, REFERENCE_TRAVEL_M, 0.0).start();
         for k in 0..self.segments.len() {
-            let sigma_max = f64::from(high.reference_sigma_m);
+            let sigma_max = f64::from(REFERENCE_SIGMA_M);
             let is_sure = k >= recent || reached[k].is_some_and(|reach| reach.position_m() <= sigma_max);
             let distance = nodes[node].between(nodes[k]).distance_m();
             let used = self.reference.pose(k);
-            if is_sure && distance <= f64::from(high.reference_distance_m) {
+            if is_sure && distance <= REFERENCE_DISTANCE_M {
                 wanted[k] = Some(nodes[k]);
-                let is_new = used.is_none() && k < last && distance <= 0.6 * f64::from(high.reference_distance_m);
+                let is_new = used.is_none() && k < last && distance <= REFERENCE_NEW_SHARE * REFERENCE_DISTANCE_M;
                 has_changed |= is_new || used.is_some_and(|used| has_moved(used, nodes[k]));
             } else {
                 has_changed |= used.is_some() && !is_sure;
@@ -186,7 +210,7 @@ impl HighSlam<'_> {
             return None;
         }
         self.reference.segments = wanted;
-        let (step_m, step_rad) = (high.reference_step_m, high.reference_step_deg.to_radians());
+        let (step_m, step_rad) = (REFERENCE_STEP_M, REFERENCE_STEP_DEG.to_radians());
         let used = (0..=last).filter(|k| self.reference.pose(*k).is_some());
         Some(apart(used.flat_map(|k| self.scans_of(k)), step_m, step_rad).collect())
     }

@@ -168,8 +168,8 @@ impl HighSlam<'_> {
             let previous_from_robot = before.unwrap_or_default().between(map_from_robot);
             before = Some(map_from_robot);
             let step = LowStep { stamp, previous_from_robot, undetermined: None, is_lost: false, scan };
-            high.open.push(&high.config.segment, &step);
-            if high.open.is_complete(&high.config.segment) {
+            high.open.push(&step);
+            if high.open.is_complete() {
                 high.complete_segment()?;
             }
         }

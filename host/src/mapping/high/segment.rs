@@ -10,26 +10,33 @@ use nalgebra::{Matrix2, Matrix3, Vector2};
 
 use crate::pose_f64::PoseF64;
 
-lrfslam_core::config! {
-    /// How the path is cut into segments, and how far the low level is expected to drift on them (thesis 4.5.2).
-    pub struct SegmentConfig {
-        /// Travel after which a segment ends, m. The original: 40 scans at least 5 cm apart.
-        travel_m: f32 = 4.0, in 0.5..=100.0;
-        /// … or this much rotation, both ways added up, degrees.
-        rotation_deg: f32 = 360.0, in 10.0..=100000.0;
-        /// Standard deviation of the drift in position, m per square root of a metre driven.
-        drift_m: f32 = 0.02, in 0.0001..=1.0;
-        /// Standard deviation of the drift in heading, degrees per square root of a metre driven.
-        drift_deg: f32 = 0.15, in 0.001..=10.0;
-        /// The same per square root of a radian turned, degrees.
-        drift_turning_deg: f32 = 0.15, in 0.001..=10.0;
-        /// Along an axis that the scene left undetermined, as a share of the way driven so.
-        drift_undetermined: f32 = 0.3, in 0.0..=2.0;
-        /// Of a scan that was lost, m.
-        drift_lost_m: f32 = 0.3, in 0.0..=10.0;
-        /// Of a scan that was lost, degrees.
-        drift_lost_deg: f32 = 3.0, in 0.0..=90.0;
-    }
+/// Travel after which a segment ends, m. The original: 40 scans at least 5 cm apart.
+pub(super) const TRAVEL_M: f32 = 4.0;
+/// … or this much rotation, both ways added up, degrees.
+const ROTATION_DEG: f32 = 360.0;
+/// Standard deviation of the drift in position, m per square root of a metre driven: chosen, on the safe side of what is measured
+/// (thesis 4.5.2), as all that follow.
+const DRIFT_M: f32 = 0.02;
+/// Standard deviation of the drift in heading, degrees per square root of a metre driven.
+const DRIFT_DEG: f32 = 0.15;
+/// The same per square root of a radian turned, degrees.
+const DRIFT_TURNING_DEG: f32 = 0.15;
+/// Along an axis that the scene left undetermined, as a share of the way driven so.
+const DRIFT_UNDETERMINED: f32 = 0.3;
+/// Of a scan that was lost, m.
+const DRIFT_LOST_M: f32 = 0.3;
+/// Of a scan that was lost, degrees.
+const DRIFT_LOST_DEG: f32 = 3.0;
+
+/// Variances of position, m², and heading, rad², that matching drifts by on a step.
+pub(crate) fn drift_variances(step: Pose2) -> (f64, f64) {
+    let (travel, turn) = (f64::from(step.position().norm()), f64::from(step.heading.abs()));
+    let heading = square(DRIFT_DEG.to_radians()) * travel + square(DRIFT_TURNING_DEG.to_radians()) * turn;
+    (square(DRIFT_M) * travel, heading)
+}
+
+fn square(value: f32) -> f64 {
+    f64::from(value) * f64::from(value)
 }
 
 /// What the low level did from one scan to the next.
@@ -88,9 +95,9 @@ impl Segment {
     }
 
     /// Goes on by one step of the low level.
-    pub fn push(&mut self, config: &SegmentConfig, step: &LowStep) {
+    pub fn push(&mut self, step: &LowStep) {
         let displacement = PoseF64::from(step.previous_from_robot);
-        self.covariance = self.drifted(config, step);
+        self.covariance = self.drifted(step);
         self.start_from_end = self.start_from_end.then(displacement);
         self.travel_m += step.previous_from_robot.position().norm();
         self.rotation_rad += step.previous_from_robot.heading.abs();
@@ -103,34 +110,31 @@ impl Segment {
     }
 
     /// True if it has gone as far as a segment should.
-    pub fn is_complete(&self, config: &SegmentConfig) -> bool {
-        self.travel_m >= config.travel_m || self.rotation_rad >= config.rotation_deg.to_radians()
+    pub fn is_complete(&self) -> bool {
+        self.travel_m >= TRAVEL_M || self.rotation_rad >= ROTATION_DEG.to_radians()
     }
 
     /// The covariance after one more step: Σ' = F Σ Fᵀ + Q, all in the start's axes.
-    fn drifted(&self, config: &SegmentConfig, step: &LowStep) -> Matrix3<f64> {
+    fn drifted(&self, step: &LowStep) -> Matrix3<f64> {
         let end = self.start_from_end.then(PoseF64::from(step.previous_from_robot));
         let (dx, dy) = (end.x - self.start_from_end.x, end.y - self.start_from_end.y);
         let carried = Matrix3::new(1.0, 0.0, -dy, 0.0, 1.0, dx, 0.0, 0.0, 1.0);
-        carried * self.covariance * carried.transpose() + self.step_noise(config, step)
+        carried * self.covariance * carried.transpose() + self.step_noise(step)
     }
 
-    fn step_noise(&self, config: &SegmentConfig, step: &LowStep) -> Matrix3<f64> {
-        let square = |value: f32| f64::from(value) * f64::from(value);
+    fn step_noise(&self, step: &LowStep) -> Matrix3<f64> {
         let travel = f64::from(step.previous_from_robot.position().norm());
-        let turn = f64::from(step.previous_from_robot.heading.abs());
         let lost = f64::from(u8::from(step.is_lost));
-        let position = square(config.drift_m) * travel + lost * square(config.drift_lost_m);
-        let heading = square(config.drift_deg.to_radians()) * travel
-            + square(config.drift_turning_deg.to_radians()) * turn
-            + lost * square(config.drift_lost_deg.to_radians());
+        let (position, heading) = drift_variances(step.previous_from_robot);
+        let position = position + lost * square(DRIFT_LOST_M);
+        let heading = heading + lost * square(DRIFT_LOST_DEG.to_radians());
         let mut plane = Matrix2::from_diagonal_element(position);
         if let Some(axis) = step.undetermined {
             let (sin, cos) = self.start_from_end.heading.sin_cos();
             let (x, y) = (f64::from(axis.x), f64::from(axis.y));
             let along = Vector2::new(cos * x - sin * y, sin * x + cos * y);
             // What is guessed wrong for one step is guessed wrong for the next one too: deviations add up, not variances.
-            let sigma = f64::from(config.drift_undetermined) * travel;
+            let sigma = f64::from(DRIFT_UNDETERMINED) * travel;
             let so_far = (along.transpose() * self.covariance.fixed_view::<2, 2>(0, 0) * along)[0].max(0.0).sqrt();
             plane += along * along.transpose() * (sigma * sigma + 2.0 * sigma * so_far);
         }
@@ -152,11 +156,10 @@ mod tests {
 
     #[test]
     fn a_segment_ends_after_its_travel_and_knows_its_end() {
-        let config = SegmentConfig::default();
         let mut segment = Segment::empty();
         let mut steps = 0;
-        while !segment.is_complete(&config) {
-            segment.push(&config, &step(0.5, 0.1));
+        while !segment.is_complete() {
+            segment.push(&step(0.5, 0.1));
             steps += 1;
         }
         assert_eq!((steps, segment.poses.len()), (8, 8));
@@ -168,18 +171,16 @@ mod tests {
     /// Heading drifts add up to a sideways one as they do when they are drawn.
     #[test]
     fn covariance_is_that_of_drawn_drifts() {
-        let config =
-            SegmentConfig { drift_m: 0.01, drift_deg: 1.0, drift_turning_deg: 0.001, ..SegmentConfig::default() };
         let mut segment = Segment::empty();
-        (0..100).for_each(|_| segment.push(&config, &step(0.1, 0.0)));
+        (0..100).for_each(|_| segment.push(&step(0.1, 0.0)));
         let mut sideways = 0.0;
         for run in 0..2000 {
             let mut rng = lrfslam_core::random::RandomStream::new(1, run, 0);
             let mut pose = Pose2::IDENTITY;
             for _ in 0..100 {
                 let mut noise = |sigma: f32| sigma * 0.1_f32.sqrt() * lrfslam_core::math::normal(&mut rng);
-                let (x, y) = (noise(0.01), noise(0.01));
-                pose = pose * Pose2::new(0.1 + x, y, noise(1.0_f32.to_radians()));
+                let (x, y) = (noise(DRIFT_M), noise(DRIFT_M));
+                pose = pose * Pose2::new(0.1 + x, y, noise(DRIFT_DEG.to_radians()));
             }
             sideways += f64::from(pose.y * pose.y) / 2000.0;
         }
@@ -189,11 +190,10 @@ mod tests {
 
     #[test]
     fn undetermined_axis_widens_along_itself_only() {
-        let config = SegmentConfig::default();
         let (mut plain, mut corridor) = (Segment::empty(), Segment::empty());
         for _ in 0..40 {
-            plain.push(&config, &step(0.1, 0.0));
-            corridor.push(&config, &LowStep { undetermined: Some(Point2::new(1.0, 0.0)), ..step(0.1, 0.0) });
+            plain.push(&step(0.1, 0.0));
+            corridor.push(&LowStep { undetermined: Some(Point2::new(1.0, 0.0)), ..step(0.1, 0.0) });
         }
         let along = corridor.covariance[(0, 0)].sqrt();
         assert!((1.15..1.3).contains(&along), "{along}");

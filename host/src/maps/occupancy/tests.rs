@@ -10,7 +10,8 @@ fn insert(map: &mut OccupancyMap, beams: &[(f32, Echo)], pose: Pose2) {
         .iter()
         .map(|&(degrees, echo)| Beam { bearing_rad: degrees.to_radians(), offset: Duration::ZERO, echo })
         .collect();
-    map.insert(&RangeScan { stamp: Instant::default(), range_max_m: 80.0, beams: &beams }, pose);
+    let scan = RangeScan { stamp: Instant::default(), range_max_m: 80.0, beams: &beams };
+    map.insert(&Sweep::at_rest(scan, Pose2::IDENTITY), pose);
 }
 
 fn picture(map: &OccupancyMap, side_max: u32) -> Vec<String> {
@@ -123,4 +124,36 @@ fn places_a_world_apart_do_not_fill_the_memory() {
     let raster = map.raster(2000).unwrap();
     assert!(raster.width <= 2000 && raster.height <= 2000);
     assert!(OccupancyMap::new(config()).raster(10).is_none());
+}
+
+/// A laser that turns by a radian while its mirror goes round, in a square room: every wall is one cell thick, as if it stood.
+#[test]
+fn a_fast_turn_draws_straight_walls() {
+    let (turn_rad, sweep_s) = (1.0_f32, 0.1_f32);
+    let beams: Vec<Beam> = (0..720)
+        .map(|index| {
+            let part = index as f32 / 719.0 - 0.5;
+            let (bearing_rad, heading) = (index as f32 * std::f32::consts::TAU / 720.0, turn_rad * part);
+            let ahead = Point2::from_polar(1.0, bearing_rad + heading);
+            let range_m = 3.25 / ahead.x.abs().max(ahead.y.abs());
+            let offset = Duration::from_micros(((part + 0.5) * sweep_s * 1e6) as i64);
+            Beam { bearing_rad, offset, echo: Echo::Hit(range_m) }
+        })
+        .collect();
+    let scan = RangeScan { stamp: Instant::default(), range_max_m: 80.0, beams: &beams };
+    let motion = SweepMotion {
+        displacement: Pose2::new(0.0, 0.0, turn_rad),
+        duration: Duration::from_micros((sweep_s * 1e6) as i64),
+    };
+    let off_walls = |motion| {
+        let mut map = OccupancyMap::new(config());
+        map.insert(&Sweep { scan, robot_from_lrf: Pose2::IDENTITY, motion }, Pose2::IDENTITY);
+        let walls = (-12..12).flat_map(|row| (-12..12).map(move |column| CellIndex { column, row }));
+        let is_wall = |cell: &CellIndex| [cell.column, cell.row].into_iter().any(|index| index == 6 || index == -7);
+        let occupied: Vec<_> = walls.filter(|cell| map.occupancy(*cell) == Occupancy::Occupied).collect();
+        assert!(occupied.len() > 30, "{occupied:?}");
+        occupied.iter().filter(|cell| !is_wall(cell)).count()
+    };
+    assert_eq!(off_walls(motion), 0);
+    assert!(off_walls(SweepMotion::default()) > 10, "{}", off_walls(SweepMotion::default()));
 }

@@ -169,6 +169,7 @@ mod tests {
     use crate::maps::occupancy::{MapConfig, OccupancyMap};
     use lrfslam_core::geometry::Pose2;
     use lrfslam_core::scan::{Beam, Echo, RangeScan};
+    use lrfslam_core::sweep::Sweep;
     use lrfslam_core::time::{Duration, Instant};
 
     fn raster(side_max: u32) -> Raster {
@@ -179,7 +180,8 @@ mod tests {
             echo: Echo::Hit(4.0),
         };
         let beams: Vec<Beam> = (0..360).map(beam).collect();
-        map.insert(&RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams }, Pose2::IDENTITY);
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+        map.insert(&Sweep::at_rest(scan, Pose2::IDENTITY), Pose2::IDENTITY);
         map.raster(side_max).unwrap()
     }
 

@@ -105,7 +105,7 @@ impl<L: LowLevel> Run<'_, L> {
         let mut beams = Vec::new();
         for (scan, place) in self.drawn.iter().enumerate() {
             if let (Some(sweep), Some(pose)) = (self.scans.sweep(scan, &mut beams), trajectory.get(*place)) {
-                map.insert(&sweep.scan, pose.map_from_robot * sweep.robot_from_lrf);
+                map.insert(&sweep, pose.map_from_robot);
             }
         }
         Cow::Owned(map)

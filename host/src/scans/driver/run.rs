@@ -81,7 +81,7 @@ pub fn run_driver(
     stop: &dyn Fn() -> bool,
     sink: &mut EventSink<'_>,
 ) -> RunEnd {
-    let mut run = Run {
+    let mut run = DriverRun {
         search,
         link: None,
         baud: 0,
@@ -118,7 +118,7 @@ pub fn run_driver(
     run.finish()
 }
 
-struct Run<'r, 's> {
+struct DriverRun<'r, 's> {
     search: Search<'r>,
     link: Option<Box<dyn Link>>,
     /// The rate that was set last, bit/s; 0 if none was.
@@ -140,7 +140,7 @@ enum Act {
     Baud(u32),
 }
 
-impl Run<'_, '_> {
+impl DriverRun<'_, '_> {
     fn connect(&mut self, open: &mut Opener<'_>) {
         match open() {
             Ok(link) => {

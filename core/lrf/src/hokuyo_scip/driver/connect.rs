@@ -1,12 +1,12 @@
 //! From an open port to a sensor that is known, at the rate asked for, its clock compared.
 
-use super::{Ask, Session, State};
+use super::{Ask, Dialogue, State};
 use crate::clock::{ClockOffset, MAX_EXCHANGES, PERIOD_24_BIT_MS, Stamp, StampUnwrapper};
+use crate::dialogue::{Patience, Pending};
 use crate::driver::{BaudPolicy, BaudRates, Cause, Identity, Step};
 use crate::hokuyo_scip::command::Acquire;
 use crate::hokuyo_scip::parameters::{SensorParameters, cut};
 use crate::hokuyo_scip::reply::{Reply, Status};
-use crate::session::{Patience, Pending};
 use lrfslam_scan::time::{Duration, Instant};
 
 /// Rates of the `SS` command, the power-up rate first, bit/s.
@@ -20,7 +20,7 @@ const SETTLE: Duration = Duration::from_millis(200);
 /// Attempts to lead a sensor out of SCIP 1.1 or time mode at one rate.
 const MAX_DETOURS: u8 = 3;
 
-impl Session<'_> {
+impl Dialogue<'_> {
     pub(super) fn on_connected(&mut self, now: Instant) {
         self.raise_failures = 0;
         self.base.back_off.reset();

@@ -1,11 +1,11 @@
 //! From the first scan to the last.
 
-use super::{Ask, Session, State};
+use super::{Ask, Dialogue, State};
 use crate::clock::Stamp;
+use crate::dialogue::{Patience, Pending, wire_time};
 use crate::driver::{Cause, Step};
 use crate::hokuyo_scip::reply::{BLOCK, Reply, Status};
 use crate::hokuyo_scip::scan::read_scan;
-use crate::session::{Patience, Pending, wire_time};
 use lrfslam_scan::time::{Duration, Instant};
 
 /// Damaged scans in a row after which the session begins anew.
@@ -13,7 +13,7 @@ const MAX_BAD: u8 = 8;
 /// Characters of an `Mx` echo whose last two count down.
 const STREAM_ECHO: usize = 15;
 
-impl Session<'_> {
+impl Dialogue<'_> {
     pub(super) fn begin_streaming(&mut self, now: Instant) {
         self.state = State::Streaming;
         self.bad_in_a_row = 0;

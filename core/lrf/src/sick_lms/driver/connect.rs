@@ -1,8 +1,8 @@
 //! From an open port to a sensor that answers.
 
-use super::{Ask, Session, State};
+use super::{Ask, Dialogue, State};
+use crate::dialogue::{Patience, wire_time};
 use crate::driver::{BaudPolicy, BaudRates, Cause, Step};
-use crate::session::{Patience, wire_time};
 use crate::sick_lms::reply::{DeviceStatus, ModeResult, Reply, ReplyBody};
 use crate::sick_lms::telegram::MAX_TELEGRAM;
 use lrfslam_scan::time::{Duration, Instant};
@@ -10,7 +10,7 @@ use lrfslam_scan::time::{Duration, Instant};
 /// Rates in the order of their likelihood: power-up, the fastest on RS-232, on RS-422, bit/s.
 pub const RATES: [u32; 4] = [9_600, 38_400, 500_000, 19_200];
 
-impl Session<'_> {
+impl Dialogue<'_> {
     pub(super) fn on_connected(&mut self, now: Instant) {
         self.raise_failures = 0;
         self.setup_refused = false;

@@ -1,8 +1,8 @@
 //! What the sensor is, and what it is to be.
 
-use super::{Ask, Session, State};
+use super::{Ask, Dialogue, State};
+use crate::dialogue::{Patience, Pending};
 use crate::driver::{Cause, Identity, Step};
-use crate::session::{Patience, Pending};
 use crate::sick_lms::config_block::ConfigBlock;
 use crate::sick_lms::reply::{ModeResult, Reply, ReplyBody, StatusReport};
 use crate::sick_lms::scan::TURN;
@@ -11,7 +11,7 @@ use lrfslam_scan::time::{Duration, Instant};
 /// After a change of rate hosts wait 250 to 500 ms (drivers).
 const SETTLE: Duration = Duration::from_millis(350);
 
-impl Session<'_> {
+impl Dialogue<'_> {
     /// Replies that set the sensor up; those that do not fit the question are ignored.
     pub(super) fn on_setup_reply(&mut self, now: Instant, ask: Ask, reply: &Reply<'_>) {
         match (ask, &reply.body) {

@@ -1,8 +1,8 @@
 //! From the first scan to the last.
 
-use super::{Ask, Session, State};
+use super::{Ask, Dialogue, State};
+use crate::dialogue::{Patience, Pending, wire_time};
 use crate::driver::{Cause, Step};
-use crate::session::{Patience, Pending, wire_time};
 use crate::sick_lms::measurement::Measurement;
 use crate::sick_lms::reply::{Reply, ReplyBody};
 use crate::sick_lms::request::Variant;
@@ -13,7 +13,7 @@ use lrfslam_scan::time::{Duration, Instant};
 /// Damaged scans in a row after which the session begins anew.
 const MAX_BAD: u8 = 8;
 
-impl Session<'_> {
+impl Dialogue<'_> {
     pub(super) fn begin_streaming(&mut self, now: Instant) {
         self.state = State::Streaming;
         self.bad_in_a_row = 0;

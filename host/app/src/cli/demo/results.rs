@@ -10,6 +10,7 @@ use crate::cli::demo::DemoArgs;
 use crate::config::RunConfig;
 use anyhow::{Context as _, Result};
 use lrfslam_core::scan::RangeScan;
+use lrfslam_core::sweep::{Sweep, SweepMotion};
 use lrfslam_core::time::Duration;
 use lrfslam_firmware_sim::world::{Vector, World};
 use lrfslam_host::maps::cloud::{
@@ -130,8 +131,14 @@ fn write_path_picture(
     truth: &[TimedPose],
 ) -> Result<()> {
     let mut map = OccupancyMap::new(config.map);
+    let mut before: Option<&TimedPose> = None;
     for (scan, pose) in drive.level.iter().zip(path) {
-        map.insert(&scan.scan(), pose.map_from_robot * robot.robot_from_lrf());
+        let motion = before.map_or_else(SweepMotion::default, |before| SweepMotion {
+            displacement: before.map_from_robot.between(pose.map_from_robot),
+            duration: pose.stamp.since(before.stamp),
+        });
+        map.insert(&Sweep { scan: scan.scan(), robot_from_lrf: robot.robot_from_lrf(), motion }, pose.map_from_robot);
+        before = Some(pose);
     }
     let Some(raster) = map.raster(config.map.picture_px) else { return Ok(()) };
     let notes = PictureNotes { truth, has_times: true, found_after_s: 0.0 };

@@ -56,7 +56,7 @@ pub struct DriveRecord {
 }
 
 /// See the [module](self).
-pub struct Session<'a, 'm> {
+pub struct DemoMapping<'a, 'm> {
     args: &'a DemoArgs,
     robot: &'a SimulatedRobot,
     config: RunConfig,
@@ -69,7 +69,7 @@ pub struct Session<'a, 'm> {
     fault: Option<anyhow::Error>,
 }
 
-impl<'a, 'm> Session<'a, 'm> {
+impl<'a, 'm> DemoMapping<'a, 'm> {
     /// Nothing has come yet.
     pub fn new((config, map): (&RunConfig, MapRun<'m>), robot: &'a SimulatedRobot, args: &'a DemoArgs) -> Self {
         let (level, tilted) = (Vec::new(), Vec::new());

@@ -17,7 +17,7 @@ use lrfslam_host::runs::map::{MapRun, RunMemory};
 use lrfslam_host::scans::live::{ScanSource, for_each_scan};
 
 use super::robot::SimulatedRobot;
-use super::session::Session;
+use super::session::DemoMapping;
 
 /// Runs the demonstration; returns what there is to tell.
 pub(in crate::cli) fn run(args: &DemoArgs) -> Result<String, Failure> {
@@ -45,7 +45,7 @@ fn show(
     let stop = interrupt_flag().map_err(Failure::Start)?;
     let robot = SimulatedRobot::start(scenario, args).map_err(Failure::Work)?;
     let source = ScanSource::Live(robot.laser(args));
-    let mut session = Session::new((config, map), &robot, args);
+    let mut session = DemoMapping::new((config, map), &robot, args);
     let done = for_each_scan(&source, stop, &mut |item| session.take(item));
     robot.switch_off().map_err(Failure::Work)?;
     let done = done.map_err(Failure::Work)?;

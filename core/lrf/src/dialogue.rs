@@ -1,6 +1,6 @@
 //! What the sessions of all families have in common: their outputs in order, waiting, trouble, and what they count.
 //!
-//! A driver keeps a [`SessionBase`] and its own state machine beside it: the base reports and sets deadlines, the machine goes on from them.
+//! A driver keeps a [`DialogueBase`] and its own state machine beside it: the base reports and sets deadlines, the machine goes on from them.
 
 use super::driver::{Counters, Event, Identity, NEVER, Output};
 use super::trouble::{BaudRates, Cause, Step, Trouble};
@@ -9,7 +9,7 @@ use lrfslam_scan::time::{Duration, Instant};
 
 /// What every session keeps.
 #[derive(Debug, Default)]
-pub(super) struct SessionBase {
+pub(super) struct DialogueBase {
     pub(super) patience: Patience,
     pub(super) outbox: Outbox,
     pub(super) back_off: BackOff,
@@ -21,7 +21,7 @@ pub(super) struct SessionBase {
     pub(super) last_good_baud: u32,
 }
 
-impl SessionBase {
+impl DialogueBase {
     /// The next output; `scan` lends the scan that was announced.
     pub(super) fn poll_output<'a>(&'a mut self, scan: impl FnOnce() -> RangeScan<'a>) -> Output<'a> {
         let Some(pending) = self.outbox.pop() else {
