@@ -27,6 +27,17 @@ impl CellIndex {
     }
 }
 
+/// What is known of a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Occupancy {
+    /// Nothing.
+    Unknown,
+    /// Rays pass.
+    Free,
+    /// Rays end.
+    Occupied,
+}
+
 /// Cells from `start` to `end` (m), both ends' cells included; nothing if a number is not finite or the cell size not
 /// positive.
 ///

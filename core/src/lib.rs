@@ -1,14 +1,11 @@
-//! Laser SLAM for small robots: what fits on the robot.
-//!
-//! One laser range finder, no odometry. `no_std`, no heap, no `unsafe`, no panic on data; memory is lent by the
-//! caller, time and randomness are arguments. The same input and seed give the same bits on a microcontroller
-//! and on a PC.
+#![doc = include_str!("../README.md")]
 //!
 //! # Layers
 //! A module uses only what stands to its left:
-//! `math, config | geometry | grid, sweep | filter, ndt, de | matcher | laser_odometry`, and
-//! `math, random, config | geometry | chords, ancestry | rays, motion | distributed_map, particles | perception | low_slam`;
-//! `slam` joins the two. [`scan`] and [`time`] are those of `lrfslam-scan`, which laser drivers share.
+//! `math, random, config | geometry | grid, sweep | filter, ndt, de | matcher | laser_odometry`, and
+//! `math, random, config | geometry | grid, chords, ancestry | rays, motion | distributed_map, particles | perception | low_slam`;
+//! `slam` joins the two: [`Slam::new`](slam::Slam::new) takes a [`SlamConfig`](slam::SlamConfig), a seed and memory. [`scan`] and
+//! [`time`] are those of `lrfslam-scan`, which laser drivers share.
 //!
 //! # Data flow
 //! [`RangeScan`](scan::RangeScan) (polar) → [`filter`] → points → [`ScanMatcher`](matcher::ScanMatcher) against an

@@ -40,7 +40,8 @@ pub fn floor(x: f32) -> i32 {
 }
 
 /// Nearest integer, ties away from zero; saturates, NaN gives 0.
-fn round_to_int(x: f32) -> i32 {
+#[inline]
+pub fn round_to_int(x: f32) -> i32 {
     (if x < 0.0 { x - 0.5 } else { x + 0.5 }) as i32
 }
 

@@ -10,12 +10,15 @@
 //! and not the best one: where the laser cannot tell particles apart the best is chosen by chance.
 
 mod config;
+mod pools;
 
 pub use config::SlamConfig;
+pub use pools::{SlamPools, SmallPools};
 
 use crate::distributed_map::{DistributedMap, Window};
 use crate::filter::PointCapacityError;
 use crate::geometry::{Point2, Pose2};
+use crate::grid::Occupancy;
 use crate::laser_odometry::{self, LaserOdometry, OdometryMemory};
 use crate::low_slam::{self, LowSlam, LowSlamMemory, LowSlamMemoryError, Weighing};
 use crate::motion::{MatchedMotion, ScanMatchingMotion, ScanMatchingMotionConfig};
@@ -42,7 +45,10 @@ impl StepConfig {
     }
 }
 
-/// Memory that a [`Slam`] works in, lent by the caller.
+/// Squares along the side of a tile of [`SlamPools`].
+pub const TILE_SIDE: usize = 8;
+
+/// Memory that a [`Slam`] works in, lent by the caller; fixed arrays of it are [`SlamPools`].
 #[derive(Debug)]
 pub struct SlamMemory<'m, const SIDE: usize> {
     /// Of laser odometry.
@@ -97,6 +103,8 @@ pub struct Slam<'m, const SIDE: usize> {
     map_from_step: Option<Pose2>,
     /// Pose of the best one.
     map_from_best: Pose2,
+    /// Its index among the particles.
+    best: usize,
     /// Axis in the odometry's map that some scan since then left undetermined.
     undetermined: Option<Point2>,
 }
@@ -116,6 +124,7 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
             filter: LowSlam::new(&config.low_slam(), seed, memory.particles)?,
             map_from_step: None,
             map_from_best: Pose2::IDENTITY,
+            best: 0,
             undetermined: None,
         })
     }
@@ -123,6 +132,18 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
     /// The particles and their maps.
     pub fn filter(&self) -> &LowSlam<'m, SIDE> {
         &self.filter
+    }
+
+    /// Index of the best particle among the [filter](Self::filter)'s.
+    pub fn best(&self) -> usize {
+        self.best
+    }
+
+    /// What the best particle's map says of the square that holds `point`, map frame, m.
+    ///
+    /// The map is that of the last step of the filter. Cost: see [`DistributedMap::square_at`].
+    pub fn occupancy_at(&self, point: Point2) -> Occupancy {
+        self.filter.square_at(self.best, point).occupancy()
     }
 
     /// The laser odometry.
@@ -143,6 +164,7 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
         self.filter.restart_at(map_from_robot);
         self.map_from_step = Some(map_from_robot);
         self.map_from_best = map_from_robot;
+        self.best = 0;
         self.undetermined = None;
     }
 
@@ -152,6 +174,16 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
     /// [`ScanCapacityError`] if the scan is larger than the memory lent.
     pub fn refer_to(&mut self, sweep: &Sweep<'_>, map_from_scan: Pose2) -> Result<u32, ScanCapacityError> {
         Ok(self.odometry.refer_to(sweep, map_from_scan)? + self.filter.refer_to(sweep, map_from_scan)?)
+    }
+
+    /// Takes the next scan, by the laser alone and on one thread.
+    ///
+    /// * `robot_from_lrf` — where the laser sits on the robot
+    ///
+    /// # Errors
+    /// [`ScanCapacityError`] if the scan is larger than the memory lent.
+    pub fn step(&mut self, scan: &RangeScan<'_>, robot_from_lrf: Pose2) -> Result<StepReport, ScanCapacityError> {
+        self.step_with(scan, robot_from_lrf, None, |weighing, samples, window| weighing.weigh_all(samples, window))
     }
 
     /// Takes the next scan.
@@ -186,6 +218,7 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
         self.odometry.correct(filter.mean_map_from_robot);
         self.map_from_step = Some(filter.mean_map_from_robot);
         self.map_from_best = filter.map_from_robot;
+        self.best = filter.best;
         self.undetermined = None;
         Ok(StepReport { map_from_robot: filter.map_from_robot, odometry, filter: Some(filter) })
     }

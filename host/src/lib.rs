@@ -1,8 +1,8 @@
-//! Laser SLAM on a computer: logs in, maps and trajectories out.
+#![doc = include_str!("../README.md")]
 //!
-//! # Data flow
-//! [`log`] (scans of a recorded file), or [`link`] → [`driver`] → [`live`] (scans as they come) → [`mapper`] (poses) → [`high_slam`] (loops closed) → [`trajectory`], [`occupancy_map`] → files; [`evaluation`]
-//! compares a trajectory with ground truth.
+//! # How it is built
+//! [`scans`] (logs, recordings, lasers) → [`mapping`] (poses, loops closed) or [`localize`] (in a map that is there) → [`maps`] (drawn) →
+//! [`output`] (folders of results), put together by [`runs`]. [`robot`] takes the place of mapping where a robot does it itself.
 #![forbid(unsafe_code)]
 
 pub mod input;

@@ -2,8 +2,8 @@
 
 use divan::counter::BytesCount;
 use divan::{Bencher, black_box};
-use lrfslam_core::scan::{Beam, Echo};
-use lrfslam_core::time::{Duration, Instant};
+use lrfslam_core::scan::Beam;
+use lrfslam_core::time::Instant;
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
@@ -17,8 +17,6 @@ use lrfslam_lrf::sick_lms::measurement::ValueFormat;
 use lrfslam_lrf::sick_lms::scan::ScanLayout;
 use lrfslam_lrf::sick_lms::telegram::{Direction, MAX_TELEGRAM};
 use lrfslam_lrf::sick_lms::{self, DecoderEvent, OperatingMode, ReplyBody, TelegramDecoder, Variant};
-
-const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
 
 fn main() {
     divan::main();
@@ -49,7 +47,7 @@ fn hokuyo_scip(bencher: Bencher<'_, '_>) {
     let bytes = stream(&mut device);
     let Ok(Command::Stream { acquire, .. }) = Command::parse(b"MD0000108001000") else { return };
     bencher.counter(BytesCount::of_slice(&bytes)).bench_local(|| {
-        let (mut memory, mut beams) = ([0; 7168], [BLANK; 1081]);
+        let (mut memory, mut beams) = ([0; 7168], [Beam::BLANK; 1081]);
         let mut decoder = ScipDecoder::new(&mut memory);
         let mut rest = &bytes[..];
         let mut scans = 0;
@@ -78,7 +76,7 @@ fn sick_lms(bencher: Bencher<'_, '_>) {
     let format = ValueFormat { mask: 0x1FFF };
     let layout = ScanLayout { variant: Variant::DEG_180_BY_HALF, format };
     bencher.counter(BytesCount::of_slice(&bytes)).bench_local(|| {
-        let (mut memory, mut beams) = ([0; MAX_TELEGRAM], [BLANK; 401]);
+        let (mut memory, mut beams) = ([0; MAX_TELEGRAM], [Beam::BLANK; 401]);
         let mut decoder = TelegramDecoder::new(Direction::ToHost, &mut memory);
         let mut rest = &bytes[..];
         let mut scans = 0;

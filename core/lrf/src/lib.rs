@@ -1,5 +1,6 @@
-//! Serial laser range finders: their protocols at both ends, and a driver for each family.
+#![doc = include_str!("../README.md")]
 //!
+//! # How it is built
 //! Bytes and meaning are split: a *view* checks a telegram once and reads its fields in place, a *value* (`Request`,
 //! `Command`, …) can be emitted and parsed. Host and device side are both here, so that a simulator says the same bytes.
 //!
@@ -36,3 +37,6 @@ pub mod rplidar;
 pub mod sick_lms;
 mod trouble;
 pub mod turn;
+
+pub use lrfslam_scan as scan;
+pub use lrfslam_scan::time;

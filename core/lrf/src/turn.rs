@@ -159,8 +159,6 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
-    const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
-
     /// Packets of ten samples, one every 2 degrees and every millisecond, from straight ahead on.
     fn packet(index: i64) -> impl Iterator<Item = Sample> {
         (0..10).map(move |sample| {
@@ -175,7 +173,7 @@ mod tests {
 
     #[test]
     fn turns_begin_behind_and_lose_nothing() {
-        let mut beams = [BLANK; 200];
+        let mut beams = [Beam::BLANK; 200];
         let mut assembler = TurnAssembler::new(&mut beams);
         let mut turns = Vec::new();
         for index in 0..60 {
@@ -194,7 +192,7 @@ mod tests {
     #[test]
     fn lost_packet_spoils_its_turn_only() {
         for spoil in [true, false] {
-            let mut beams = [BLANK; 200];
+            let mut beams = [Beam::BLANK; 200];
             let mut assembler = TurnAssembler::new(&mut beams);
             let mut turns = 0;
             for index in 0..80 {
@@ -210,7 +208,7 @@ mod tests {
 
     #[test]
     fn too_many_samples_are_no_turn() {
-        let mut beams = [BLANK; 100];
+        let mut beams = [Beam::BLANK; 100];
         let mut assembler = TurnAssembler::new(&mut beams);
         assert!((0..60).all(|index| !assembler.add(packet(index))));
     }

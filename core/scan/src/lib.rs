@@ -1,11 +1,4 @@
-//! One sweep of a laser range finder, in polar form, and the time it was measured.
-//!
-//! What laser drivers give and SLAM takes, so that neither needs the other. `no_std`, no heap, no `unsafe`.
-//!
-//! A beam says one of three things, and they are never mixed up: it **hit** something at a range, it **missed**
-//! (nothing up to the maximum range: the way is free), or it is **invalid** (the sensor could not measure: nothing is
-//! known). Each beam carries its own bearing and time, so that irregular and interlaced scans are ordinary.
-
+#![doc = include_str!("../README.md")]
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
@@ -48,6 +41,11 @@ pub struct Beam {
     pub offset: Duration,
     /// What it measured.
     pub echo: Echo,
+}
+
+impl Beam {
+    /// Straight ahead, and nothing measured: for memory that a driver is lent.
+    pub const BLANK: Self = Self { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
 }
 
 /// One sweep: beams in the order in which they were measured, lent by their owner.

@@ -25,6 +25,7 @@
 //! The figures of a tile of 16 × 16 squares: 512 bytes and a header of 20; of 8 × 8: 128 and 20.
 
 mod exchange;
+mod look_up;
 mod print;
 mod region;
 mod square;

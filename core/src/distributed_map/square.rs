@@ -1,11 +1,17 @@
 //! What is remembered of one square: rays stopped in it and distance travelled in it, in two bytes.
 
+use crate::grid::Occupancy;
+
 /// Distance units per square side: a chord is kept to 1/8 of a square.
 pub const DISTANCE_UNITS: f32 = 8.0;
 /// Shift from [`chords`](crate::chords) units (2¹⁶ per square) to distance units (2³).
 const CHORD_SHIFT: u32 = 13;
 /// What a square without hits remembers, distance units: half of what a byte holds, so that a first hit is not halved away.
 const FREE_DISTANCE_MAX: u8 = 128;
+
+/// A square is occupied from so many hits on for each of its sides' lengths that rays ran in it: one of four that cross it ends there.
+/// Source: the share of rays that GMapping draws with.
+const OCCUPIED_HITS_PER_SIDE: f32 = 0.25;
 
 /// Hits and travelled distance of one square; all zero if never seen.
 ///
@@ -35,6 +41,16 @@ impl Square {
     /// Distance travelled in it by rays, in 1/8 of its side.
     pub const fn distance(self) -> u8 {
         self.distance
+    }
+
+    /// What that says of the place.
+    pub fn occupancy(self) -> Occupancy {
+        let sides = f32::from(self.distance) / DISTANCE_UNITS;
+        match self {
+            Self::UNSEEN => Occupancy::Unknown,
+            _ if f32::from(self.hits) >= OCCUPIED_HITS_PER_SIDE * sides => Occupancy::Occupied,
+            _ => Occupancy::Free,
+        }
     }
 
     /// After a ray passed it on a chord of `length` chord units. Free squares come to rest: passing them once more changes nothing.
@@ -84,6 +100,15 @@ mod tests {
         }
         let ratio = f32::from(square.hits()) / f32::from(square.distance());
         assert!((ratio - 0.25).abs() < 0.01, "{square:?}");
+    }
+
+    #[test]
+    fn one_ray_of_four_that_ends_there_occupies_a_square() {
+        assert_eq!(Square::UNSEEN.occupancy(), Occupancy::Unknown);
+        assert_eq!(Square::of(0, 1).occupancy(), Occupancy::Free);
+        // 4 sides' lengths of ray with one hit, and a little more.
+        assert_eq!(Square::of(1, 32).occupancy(), Occupancy::Occupied);
+        assert_eq!(Square::of(1, 33).occupancy(), Occupancy::Free);
     }
 
     #[test]

@@ -176,6 +176,19 @@ impl<'m> Rig<'m> {
             let copy = particle.map.iter().filter(|(_, square)| **square != Square::UNSEEN);
             assert_eq!(squares.len(), copy.clone().count());
             assert!(copy.clone().all(|(place, square)| squares.get(place) == Some(square)));
+            self.compare_squares(particle);
+        }
+    }
+
+    /// Squares looked up one by one are those of the copy; of places never seen, too.
+    fn compare_squares(&self, particle: &Copying) {
+        let middle = |(column, row): (i32, i32)| Point2::new(column as f32 + 0.5, row as f32 + 0.5);
+        let at = |place| middle(place) * CONFIG.square_size_m;
+        for (place, square) in &particle.map {
+            assert_eq!(self.map.square_at(&self.tree, particle.node, at(*place)), *square);
+            let beside = (place.0, place.1 + 1000);
+            let far = particle.map.get(&beside).copied().unwrap_or_default();
+            assert_eq!(self.map.square_at(&self.tree, particle.node, at(beside)), far);
         }
     }
 
@@ -222,6 +235,25 @@ proptest! {
             rig.generation(10);
             rig.compare_all();
         }
+    }
+}
+
+#[test]
+fn nothing_is_known_of_a_point_that_is_nowhere() {
+    let mut memory = Memory::new(10, 2);
+    let (tree, mut map, mut window) = memory.lend();
+    window.open(
+        &map,
+        &tree,
+        WindowFrame::around(Point2::new(-3.0, -3.0), Point2::new(3.0, 3.0), 16, 1.0),
+        NodeId::ROOT,
+    );
+    let ray = Ray { direction: Point2::new(1.0, 0.0), length_m: 1.0, hit: true };
+    Print::new(&[ray], Pose2::new(0.1, 0.1, 0.0)).run(&mut map, &mut window).unwrap();
+    let at = |x: f32| map.square_at(&tree, NodeId::ROOT, Point2::new(x, 0.1));
+    assert_eq!((at(1.1).hits(), at(0.6).hits(), at(0.6).distance()), (1, 0, 8));
+    for nowhere in [f32::NAN, f32::INFINITY, -1e30, 40_000.0, 1.4, -0.1] {
+        assert_eq!(at(nowhere), Square::UNSEEN, "{nowhere}");
     }
 }
 
@@ -336,6 +368,25 @@ fn no_tile_leaks_over_a_hundred_thousand_generations() {
     let seen = rig.map.tiles_seen_from(&rig.tree, NodeId::ROOT).count();
     assert_eq!(rig.map.tiles_used(), seen);
     assert!(seen <= 14 * 14, "{seen} tiles for a place of 14 × 14");
+}
+
+/// So a robot with little memory and a computer weigh particles to the same bits.
+#[test]
+fn positions_in_windows_and_tiles_of_other_sizes_differ_by_whole_squares() {
+    let mut memory = Memory::new(4, 8);
+    let (tree, map, mut window) = memory.lend();
+    let mut rng = RandomStream::new(11, 0, 0);
+    for _ in 0..2000 {
+        let mut draw = || 40.0 * uniform(&mut rng) - 20.0;
+        let point = Point2::new(draw(), draw());
+        let mut fractions = |side| {
+            window.open(&map, &tree, WindowFrame::around(point, point, side, 0.4), NodeId::ROOT);
+            let positions = [window.to_squares::<4>(point, 0.1), window.to_squares::<16>(point, 0.1)];
+            positions.map(|Point2 { x, y }| [x - libm::floorf(x), y - libm::floorf(y)].map(f32::to_bits))
+        };
+        let [small, large] = [fractions(4), fractions(64)];
+        assert!(small[0] == small[1] && small == large, "{point:?}: {small:x?} {large:x?}");
+    }
 }
 
 mod printing;

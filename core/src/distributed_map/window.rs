@@ -3,7 +3,7 @@
 use crate::ancestry::{Ancestry, NodeId};
 use crate::chords::Chords;
 use crate::geometry::Point2;
-use crate::math::floor;
+use crate::math::{floor, round_to_int};
 
 use super::Square;
 use super::tiles::{DistributedMap, TileId, TilePlace};
@@ -11,6 +11,9 @@ use super::tiles::{DistributedMap, TileId, TilePlace};
 /// Squares kept clear of the needed rectangle's border, so that rounding in a walk cannot leave it: what is outside of it
 /// has not been looked up.
 const MARGIN_SQUARES: f32 = 1.0;
+/// Positions in a window are multiples of 1/4096 square: moving them to its corner then rounds nothing up to 4096 squares from there, and so a
+/// result does not depend on how large window and tiles are.
+const PARTS_PER_SQUARE: f32 = 4096.0;
 /// Tiles farther from the origin than this are never in a window.
 const PLACE_MAX: f32 = 32_000.0;
 
@@ -191,12 +194,12 @@ impl<'w> Window<'w> {
 
     /// `point` (map frame, m) in squares from the window's corner.
     pub(super) fn to_squares<const SIDE: usize>(&self, point: Point2, square_size_m: f32) -> Point2 {
-        let side = SIDE as i32;
         let per_metre = 1.0 / square_size_m;
-        Point2::new(
-            point.x * per_metre - (self.frame.column * side) as f32,
-            point.y * per_metre - (self.frame.row * side) as f32,
-        )
+        let from_corner = |value: f32, corner: i32| {
+            let parts = round_to_int(value * per_metre * PARTS_PER_SQUARE);
+            parts as f32 / PARTS_PER_SQUARE - (corner * SIDE as i32) as f32
+        };
+        Point2::new(from_corner(point.x, self.frame.column), from_corner(point.y, self.frame.row))
     }
 
     /// The part inside the frame's needed rectangle of a ray from `start` (squares) along the unit vector `direction`; true

@@ -29,13 +29,13 @@ mod upkeep;
 mod weighing;
 
 pub use memory::{LowSlamMemory, LowSlamMemoryError};
-pub use pools::{LowSlamPools, SmallPools};
+pub use pools::LowSlamPools;
 pub use stretch::Stretch;
 pub use weighing::Weighing;
 
 use self::stretch::OneScan;
 use crate::ancestry::{Ancestry, NodeId};
-use crate::distributed_map::{DistributedMap, ParticleMapConfig, Window, WindowFrame};
+use crate::distributed_map::{DistributedMap, ParticleMapConfig, Square, Window, WindowFrame};
 use crate::geometry::{Point2, Pose2};
 use crate::motion::Motion;
 use crate::particles::{self, Particle, Sample, Weights};
@@ -186,6 +186,12 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     /// The samples of the last step, in the order of the particles they came from.
     pub fn samples(&self) -> &[Sample] {
         self.samples.get(..self.sample_count).unwrap_or_default()
+    }
+
+    /// What a particle, by its index, knows of the square that holds `point`, map frame, m; unseen if there is no such particle.
+    pub fn square_at(&self, particle: usize, point: Point2) -> Square {
+        let particle = self.particles().get(particle);
+        particle.map_or(Square::UNSEEN, |particle| self.map.square_at(&self.ancestry, particle.node, point))
     }
 
     /// All particles' maps.

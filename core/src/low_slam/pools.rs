@@ -32,11 +32,6 @@ pub struct LowSlamPools<
     window: [TileId; WINDOW],
 }
 
-/// 32 particles, 8 m range and 0.1 m squares within 512 KiB: tiles of 8 × 8, a scan of up to 682 beams (URG-04LX), a window of 25.6 m.
-pub type SmallPools = LowSlamPools<8, 3264, 1024, 32, 64, 32, 682, 1024>;
-
-const _: () = assert!(size_of::<SmallPools>() <= 512 * 1024);
-
 impl<
     const SIDE: usize,
     const TILES: usize,

@@ -286,7 +286,8 @@ fn numbers_without_meaning_do_not_stop_it() {
 
 #[test]
 fn pools_of_a_microcontroller_are_enough_for_a_room() {
-    let mut pools = std::boxed::Box::new(SmallPools::EMPTY);
+    let mut pools = std::boxed::Box::new(LowSlamPools::<SIDE, 3264, 1024, 32, 64, 32, 682, 1024>::EMPTY);
+    assert!(size_of_val(&*pools) <= 512 * 1024);
     let mut slam = LowSlam::new(&configs(32), 1, pools.lend()).unwrap();
     assert_eq!(slam.particles_max(), 32);
     let (mut before, mut worst) = (Pose2::IDENTITY, 0.0_f32);

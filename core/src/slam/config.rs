@@ -53,7 +53,7 @@ macro_rules! slam_config {
     ($( $group:ident { $( $(#[doc = $doc:literal])* $name:ident : $section:ty, )* } )*) => {
         /// The configuration of [`Slam`](super::Slam) with all its parts. The default is a computer's.
         #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-        #[serde(default, deny_unknown_fields)]
+        #[serde(deny_unknown_fields)]
         pub struct SlamConfig {
             $($( $(#[doc = $doc])* pub $name: $section, )*)*
         }

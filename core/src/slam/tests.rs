@@ -1,6 +1,6 @@
 use super::*;
 use crate::de::Member;
-use crate::low_slam::SmallPools;
+use crate::low_slam::LowSlamPools;
 use crate::math::uniform;
 use crate::ndt::{DirectoryEntry, NdtTile};
 use crate::scan::{Beam, Echo};
@@ -32,7 +32,7 @@ fn drive(
         key_points: &mut [],
         key_scans: &mut [],
     };
-    let mut pools = Box::new(SmallPools::EMPTY);
+    let mut pools = Box::new(LowSlamPools::<TILE_SIDE, 3264, 1024, 32, 64, 32, 682, 1024>::EMPTY);
     let memory = SlamMemory { odometry, particles: pools.lend() };
     let mut slam = Slam::new(&SlamConfig::default(), 3, memory).unwrap();
     let mut rng = Pcg32::seed_from_u64(7);
@@ -44,10 +44,7 @@ fn drive(
             world.scan(pose, 8.0, 0.01, &mut rng)
         };
         let scan = RangeScan { stamp: Instant::from_micros(index as i64 * 100_000), range_max_m: 8.0, beams: &beams };
-        let weigh = |weighing: &Weighing<'_, '_, 8>, samples: &mut [Sample], window: &mut Window<'_>| {
-            weighing.weigh_all(samples, window);
-        };
-        let report = slam.step_with(&scan, Pose2::IDENTITY, None, weigh).unwrap();
+        let report = slam.step(&scan, Pose2::IDENTITY).unwrap();
         observe(&slam, &report, pose);
     }
 }
@@ -75,6 +72,33 @@ fn the_best_particle_stays_with_the_robot_and_the_filter_rests_between_its_steps
     // 5.2 cm and 3° a scan: every second one.
     assert_eq!((scans, steps), (240, 120));
     assert!(worst < 0.05, "off by up to {worst} m");
+}
+
+#[test]
+fn the_best_particles_map_says_what_is_free_and_what_is_not() {
+    // Where the robot drives, and beyond; walls, the pillar and the back of the alcove; outside of the room and inside of the pillar.
+    let free = [(0.0, 0.0), (0.0, 2.0), (-2.5, 3.5), (4.5, 3.5), (5.5, 1.6)];
+    let occupied = [(0.0, -2.0), (-3.0, 1.0), (2.0, 4.0), (5.0, 0.0), (6.5, 1.6), (1.5, 2.2)];
+    let unknown = [(0.0, -2.5), (-4.0, 0.0), (6.0, 3.0), (1.8, 2.2), (f32::NAN, 0.0), (1e9, 0.0)];
+    let mut wrong = vec![];
+    let path = (0..120).map(circle);
+    drive(
+        &World::room(),
+        path,
+        |_| false,
+        |slam, report, _| {
+            assert_eq!(slam.filter().particles()[slam.best()].map_from_robot, slam.map_from_best, "{report:?}");
+            // A wall lies in one square or in the one beside it.
+            let about = |(x, y): (f32, f32)| {
+                let near = [(0.0, 0.0), (0.06, 0.0), (-0.06, 0.0), (0.0, 0.06), (0.0, -0.06)];
+                near.map(|(dx, dy)| slam.occupancy_at(Point2::new(x + dx, y + dy)))
+            };
+            wrong = free.into_iter().filter(|at| about(*at) != [Occupancy::Free; 5]).collect();
+            wrong.extend(occupied.into_iter().filter(|at| !about(*at).contains(&Occupancy::Occupied)));
+            wrong.extend(unknown.into_iter().filter(|at| about(*at) != [Occupancy::Unknown; 5]));
+        },
+    );
+    assert!(wrong.is_empty(), "{wrong:?}");
 }
 
 /// Standard deviations of the particles' positions along x and y.

@@ -5,3 +5,5 @@ pub mod calibration;
 pub mod evaluation;
 #[cfg(feature = "experiments")]
 pub mod experiment;
+#[cfg(feature = "experiments")]
+pub mod prove;

@@ -34,7 +34,6 @@ struct DpSlam<'m> {
     /// One window for each thread.
     windows: &'m mut [WindowSlots],
     genealogy: Genealogy,
-    best: usize,
 }
 
 /// Where the time of one scan went.
@@ -61,7 +60,7 @@ impl<'m> Mapper<'m> {
             Some(memory) => {
                 let (particles, windows) = memory.lend();
                 let slam = Slam::new(config, seed, SlamMemory { odometry, particles })?;
-                Engine::DpSlam(Box::new(DpSlam { slam, windows, genealogy: Genealogy::default(), best: 0 }))
+                Engine::DpSlam(Box::new(DpSlam { slam, windows, genealogy: Genealogy::default() }))
             }
         };
         Ok(Self { engine, last_odometry: None, counts: MatchCounts::default() })
@@ -119,7 +118,7 @@ impl LowLevel for Mapper<'_> {
     fn path(&self) -> Vec<Pose2> {
         match &self.engine {
             Engine::Matcher(_) => Vec::new(),
-            Engine::DpSlam(engine) => engine.genealogy.path(engine.best),
+            Engine::DpSlam(engine) => engine.genealogy.path(engine.slam.best()),
         }
     }
 
@@ -136,7 +135,6 @@ impl DpSlam<'_> {
     fn restart_at(&mut self, map_from_robot: Pose2) {
         self.slam.restart_at(map_from_robot);
         self.genealogy = Genealogy::default();
-        self.best = 0;
     }
 
     fn add_scan(
@@ -153,9 +151,8 @@ impl DpSlam<'_> {
             weigh_on_threads(weighing, samples, own, windows);
             weighed = Some((begun, WallInstant::now()));
         })?;
-        if let Some(filter) = &step.filter {
+        if step.filter.is_some() {
             self.genealogy.add(self.slam.filter().particles());
-            self.best = filter.best;
         }
         let times = match weighed {
             None => StageTimes { matching: started.elapsed(), ..StageTimes::default() },

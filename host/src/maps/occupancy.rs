@@ -13,6 +13,7 @@
 use std::collections::HashMap;
 
 use lrfslam_core::geometry::{Point2, Pose2};
+pub use lrfslam_core::grid::Occupancy;
 use lrfslam_core::grid::{CellIndex, cells_on_ray};
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::sweep::{Sweep, SweepMotion};
@@ -47,17 +48,6 @@ const TILE: usize = 64;
 const TILE_BITS: u32 = TILE.trailing_zeros();
 /// A raster has at most so many pixels.
 const RASTER_PIXELS_MAX: u64 = 1 << 26;
-
-/// What is known of a place.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Occupancy {
-    /// Nothing.
-    Unknown,
-    /// Rays pass.
-    Free,
-    /// Rays end.
-    Occupied,
-}
 
 /// Directions are told apart by so many parts of a turn.
 const SECTORS: u32 = u16::BITS;
@@ -154,10 +144,10 @@ impl OccupancyMap {
         while !rest.is_empty() {
             let (empty, others) = rest.split_at(rest.iter().position(is_hit).unwrap_or(rest.len()));
             let (hits, others) = others.split_at(others.iter().position(|beam| !is_hit(beam)).unwrap_or(others.len()));
-            let gap = Gap { before, after: hits.first().and_then(|beam| Point2::of_hit(beam)) };
+            let gap = Gap { before, after: hits.first().and_then(Point2::of_hit) };
             self.insert_misses(empty, scan.range_max_m, gap, map_from_lrf);
             hits.iter().for_each(|beam| self.insert_hit(beam, map_from_lrf));
-            (before, rest) = (hits.last().and_then(|beam| Point2::of_hit(beam)), others);
+            (before, rest) = (hits.last().and_then(Point2::of_hit), others);
         }
     }
 

@@ -10,8 +10,7 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_core::low_slam::{LowSlam, LowSlamMemory};
 use lrfslam_core::particles::{Particle, Sample};
 use lrfslam_core::rays::Ray;
-use lrfslam_core::slam::SlamConfig;
-use lrfslam_robot::TILE_SIDE;
+use lrfslam_core::slam::{SlamConfig, TILE_SIDE};
 
 use super::map::Tiles;
 use crate::mapping::Correction;

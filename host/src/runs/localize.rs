@@ -155,7 +155,7 @@ fn draw(
     let mut drawn = OccupancyMap::new(*drawing);
     map.draw(&mut drawn);
     let Some(raster) = drawn.raster(drawing.picture_px) else { return Ok(()) };
-    write_picture(file, &raster, poses, &notes)
+    write_picture(file, &raster, poses, notes)
 }
 
 fn push_row(table: &mut String, located: &Located) {

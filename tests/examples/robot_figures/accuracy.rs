@@ -27,7 +27,7 @@ struct MapError {
 fn map_error(scans: &[LogScan], poses: &[Pose2], truth: &[Pose2]) -> MapError {
     let robot_from_lrf = mounting(scans);
     let hits = scans.iter().zip(poses).zip(truth).flat_map(|((scan, pose), truth)| {
-        let hits = scan.beams.iter().filter_map(|beam| Point2::of_hit(beam));
+        let hits = scan.beams.iter().filter_map(Point2::of_hit);
         hits.map(move |hit| {
             let hit = robot_from_lrf.transform(hit);
             [pose.transform(hit), truth.transform(hit)].map(|hit| [f64::from(hit.x), f64::from(hit.y)])

@@ -26,14 +26,18 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Counts a scan.
-    pub fn add(&mut self, mapped: &Mapped) {
-        let odometry = &mapped.report.odometry;
+    /// Counts a scan that was taken here.
+    pub fn add_pose(&mut self, Pose2 { x, y, heading }: Pose2) {
         self.scans += 1;
-        let Pose2 { x, y, heading } = mapped.report.map_from_robot;
         let mut hasher = DefaultHasher::new();
         (self.poses, [x, y, heading].map(f32::to_bits)).hash(&mut hasher);
         self.poses = hasher.finish();
+    }
+
+    /// Counts a scan.
+    pub fn add(&mut self, mapped: &Mapped) {
+        let odometry = &mapped.report.odometry;
+        self.add_pose(mapped.report.map_from_robot);
         self.lost += u32::from(odometry.is_lost);
         self.ndt_dropped += odometry.inserted.dropped;
         self.ndt_evicted += odometry.inserted.evicted;

@@ -2,7 +2,7 @@
 //!
 //! The long run, 100000 scans a model and fault rate: `cargo test --release -p lrfslam-tests --test virtual_time hil_virtual -- --ignored --nocapture`
 
-use lrfslam_core::scan::{Beam, Echo};
+use lrfslam_core::scan::Beam;
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::scenario::Scenario;
@@ -24,8 +24,10 @@ struct Memory {
 
 impl Memory {
     fn new() -> Self {
-        let blank = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
-        Self { bytes: vec![0; hokuyo_scip::driver::FRAME_MEMORY], beams: vec![blank; hokuyo_scip::driver::BEAM_MEMORY] }
+        Self {
+            bytes: vec![0; hokuyo_scip::driver::FRAME_MEMORY],
+            beams: vec![Beam::BLANK; hokuyo_scip::driver::BEAM_MEMORY],
+        }
     }
 
     fn sick(&mut self, config: SickConfig) -> Box<dyn LrfDriver + '_> {

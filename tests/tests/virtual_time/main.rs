@@ -7,6 +7,7 @@ mod larger_than_memory;
 mod link_faults;
 mod map3d;
 mod memory;
+mod one_slam;
 mod recorded_log;
 mod refused_configuration;
 mod small_pools;

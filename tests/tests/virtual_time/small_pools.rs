@@ -1,4 +1,4 @@
-//! A filter of a microcontroller's size maps real logs: 32 particles at 8 m, all its pools within 512 KiB ([`SmallPools`] asserts that).
+//! A filter of a microcontroller's size maps real logs: 32 particles at 8 m, all its pools within 512 KiB ([`SmallPools`]).
 //!
 //! The matcher has a computer's memory here; for all of a microcontroller see `hil_mcu`.
 
@@ -6,12 +6,16 @@ use lrfslam_app::config::RunConfig;
 use lrfslam_core::de::Member;
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::laser_odometry::OdometryMemory;
-use lrfslam_core::low_slam::SmallPools;
+use lrfslam_core::low_slam::LowSlamPools;
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::slam::{Slam, SlamConfig, SlamMemory};
 use lrfslam_host::mapping::mapper::Mapper;
 use lrfslam_host::scans::log::{LogOptions, LogReader, LogScan};
 use lrfslam_tests::data;
+
+/// 32 particles, 8 m range and 0.1 m squares: tiles of 8 × 8, a scan of up to 682 beams (URG-04LX), a window of 25.6 m.
+type SmallPools = LowSlamPools<8, 3264, 1024, 32, 64, 32, 682, 1024>;
+const _: () = assert!(size_of::<SmallPools>() <= 512 * 1024);
 
 /// The scans of a real log, or nothing with a word about it.
 fn real_scans(name: &str) -> Option<Vec<LogScan>> {

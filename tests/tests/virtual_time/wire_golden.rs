@@ -1,7 +1,6 @@
 //! Bytes recorded from real devices, byte for byte, however they are cut.
 
 use lrfslam_core::scan::{Beam, Echo};
-use lrfslam_core::time::Duration;
 use lrfslam_lrf::hokuyo_scip::scan::read_scan;
 use lrfslam_lrf::hokuyo_scip::{Acquire, Command, Reply, ScipDecoder, SensorParameters, Status};
 use lrfslam_lrf::sick_lms::measurement::{Part, ValueFormat};
@@ -10,8 +9,6 @@ use lrfslam_lrf::sick_lms::scan::ScanLayout;
 use lrfslam_lrf::sick_lms::telegram::{Direction, MAX_TELEGRAM};
 use lrfslam_lrf::sick_lms::{self, DecoderEvent, ReplyBody, TelegramDecoder, Unit, Variant};
 use lrfslam_tests::data;
-
-const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
 
 /// Records of u32 seconds, u32 microseconds, u32 n, n bytes, big endian: all their bytes.
 fn logged_bytes(file: &[u8]) -> Vec<u8> {
@@ -81,7 +78,7 @@ fn recorded_urg_session_replays_with_682_points() {
     let (least, most) = (values.iter().min().unwrap(), values.iter().max().unwrap());
     assert_eq!((values.len(), *least, *most), (682, 0, 4166));
     assert_eq!([0, 7, 10].map(|code| values.iter().filter(|value| **value == code).count()), [94, 6, 1]);
-    let mut beams = [BLANK; 700];
+    let mut beams = [Beam::BLANK; 700];
     let header = read_scan(&reply, &sensor, &acquire, &mut beams).unwrap();
     assert_eq!((header.stamp_ms, header.beams), (6_968_830, 682));
     assert_eq!(beams[..682].iter().filter(|beam| beam.echo == Echo::Invalid).count(), 101);
@@ -106,7 +103,7 @@ fn recorded_utm_session_replays_with_1081_pairs() {
     assert_eq!((reply.echo, reply.status), (&b"ME0000108001100"[..], Status::SCAN));
     let pairs: Vec<(u32, u32)> = reply.values(&acquire).unwrap().map(|value| (value.range, value.intensity)).collect();
     assert_eq!((pairs.len(), &pairs[..4]), (1081, &[(45, 1809), (48, 1780), (49, 1792), (50, 1746)][..]));
-    let mut beams = [BLANK; 1081];
+    let mut beams = [Beam::BLANK; 1081];
     assert_eq!(read_scan(&reply, &sensor, &acquire, &mut beams).unwrap().stamp_ms, 4_821_609);
     assert_eq!(frames[10].len() + 2, 6717);
 }
@@ -116,7 +113,7 @@ fn every_flipped_bit_of_the_recorded_urg_scan_is_seen() {
     let Some(frames) = session("example_urg_04lx") else { return };
     let sensor = parameters(&frames);
     let acquire = Acquire { first: 44, last: 725, ..sensor.full_view() };
-    let mut beams = [BLANK; 700];
+    let mut beams = [Beam::BLANK; 700];
     let mut frame = frames[9].clone();
     for at in 0..frame.len() {
         for bit in 0..8 {
@@ -176,7 +173,7 @@ fn recorded_sick_telegram_has_361_values() {
     );
     // 9007 mm: the sensor was set to a measuring mode with more than 13 bits of range.
     let layout = ScanLayout { variant: Variant::DEG_180_BY_HALF, format: ValueFormat::of_mode(3).unwrap() };
-    let mut beams = [BLANK; 401];
+    let mut beams = [Beam::BLANK; 401];
     let shape = layout.read(&scan, &mut beams).unwrap();
     assert_eq!((shape.beams, beams[180].echo), (361, Echo::Hit(3.289)));
     assert!(beams[180].bearing_rad.abs() < 1e-6);

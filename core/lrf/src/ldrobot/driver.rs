@@ -197,8 +197,6 @@ mod tests {
     use crate::driver::{Event, drain, run_bytes};
     use crate::ldrobot::Point;
 
-    const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
-
     /// Packet `index` of a sensor that turns ten times a second: 12 samples by 0.8 degrees.
     fn packet(index: i64) -> [u8; 47] {
         let cdeg = |sample: i64| ((index * 12 + sample) * 80 % 36_000) as u16;
@@ -209,7 +207,7 @@ mod tests {
 
     /// Whole scans of two seconds, with packet `damaged` damaged.
     fn run(damaged: Option<i64>) -> (u32, u32) {
-        let mut beams = [BLANK; BEAM_MEMORY];
+        let mut beams = [Beam::BLANK; BEAM_MEMORY];
         let mut driver = LdrobotDriver::new(Duration::ZERO, &mut beams);
         let _ = driver.handle_input(Instant::default(), Input::Connected);
         drain(&mut driver, &mut |_| {});
@@ -245,7 +243,7 @@ mod tests {
 
     #[test]
     fn silence_is_told() {
-        let mut beams = [BLANK; BEAM_MEMORY];
+        let mut beams = [Beam::BLANK; BEAM_MEMORY];
         let mut driver = LdrobotDriver::new(Duration::ZERO, &mut beams);
         let _ = driver.handle_input(Instant::default(), Input::Connected);
         let deadline = drain(&mut driver, &mut |_| {});

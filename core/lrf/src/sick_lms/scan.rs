@@ -132,8 +132,6 @@ mod tests {
     use crate::sick_lms::measurement::count_word;
     use std::vec::Vec;
 
-    const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
-
     fn payload(count: u16, turn: Option<u8>) -> Vec<u8> {
         let mut bytes = vec![0xB0];
         bytes.extend(count_word(count, Unit::Millimetre, turn).to_le_bytes());
@@ -146,7 +144,7 @@ mod tests {
     }
 
     fn read(layout: ScanLayout, payload: &[u8]) -> Result<(ScanShape, Vec<Beam>), ScanError> {
-        let mut beams = vec![BLANK; 401];
+        let mut beams = vec![Beam::BLANK; 401];
         let shape = layout.read(&Measurement::parse(payload).unwrap(), &mut beams)?;
         beams.truncate(shape.beams);
         Ok((shape, beams))

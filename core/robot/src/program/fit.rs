@@ -1,11 +1,11 @@
 //! Whether a configuration fits a robot: asked before any of its memory is taken, so that one that does not leaves the robot as it was.
 
-use super::pools::TILE_SIDE;
 use crate::config::{LaserConfig, LaserFamily, RobotConfig};
 use crate::wire::message::{Capacities, PARTICLES_MAX};
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::ndt::NdtGrid;
 use lrfslam_core::slam::SlamMemory;
+use lrfslam_core::slam::TILE_SIDE;
 use lrfslam_lrf::{hokuyo_scip, sick_lms};
 
 /// Farthest that a laser sits from the robot's centre along either axis, m.

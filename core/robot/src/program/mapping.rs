@@ -1,13 +1,12 @@
 //! Scans in, poses, segments and the map out: what robots do between the laser and the link.
 
-use super::pools::TILE_SIDE;
 use crate::config::RobotConfig;
 use crate::wire::message::{PARTICLES_MAX, PathNode, ScanPose, Segment};
 use lrfslam_core::distributed_map::{DistributedMap, Window};
 use lrfslam_core::low_slam::Weighing;
 use lrfslam_core::particles::{Particle, Sample};
 use lrfslam_core::scan::RangeScan;
-use lrfslam_core::slam::{ScanCapacityError, Slam, SlamMemory, SlamMemoryError, StepReport};
+use lrfslam_core::slam::{ScanCapacityError, Slam, SlamMemory, SlamMemoryError, StepReport, TILE_SIDE};
 use lrfslam_core::time::Instant;
 
 /// What one scan did.
@@ -27,7 +26,6 @@ pub struct Mapping<'m> {
     config: RobotConfig,
     slam: Slam<'m, TILE_SIDE>,
     lineage: Lineage,
-    best: u8,
     scans: u32,
 }
 
@@ -69,7 +67,7 @@ impl<'m> Mapping<'m> {
         slam.particles.particles = slam.particles.particles.min(PARTICLES_MAX as u16);
         let mut lineage = Lineage { ancestors: [0; PARTICLES_MAX], step: 0, told_step: 0, stamp: Instant::default() };
         lineage.close();
-        Ok(Self { config: *config, slam: Slam::new(&slam, config.seed, memory)?, lineage, best: 0, scans: 0 })
+        Ok(Self { config: *config, slam: Slam::new(&slam, config.seed, memory)?, lineage, scans: 0 })
     }
 
     /// The configuration it was made with.
@@ -106,12 +104,10 @@ impl<'m> Mapping<'m> {
     ) -> Result<Mapped, ScanCapacityError> {
         let mounting = self.config.robot_from_lrf;
         let report = self.slam.step_with(scan, mounting, None, weigh)?;
-        if let Some(filter) = &report.filter {
-            self.best = filter.best as u8;
+        if report.filter.is_some() {
             self.lineage.advance(self.slam.filter().particles(), scan.stamp);
         }
-        let best = self.slam.filter().particles().get(usize::from(self.best));
-        let at_step = best.map(|particle| particle.map_from_robot).unwrap_or_default();
+        let at_step = self.best().map(|particle| particle.map_from_robot).unwrap_or_default();
         let moved = at_step.between(report.map_from_robot);
         self.scans = self.scans.saturating_add(1);
         let matched = &report.odometry.matched;
@@ -134,7 +130,7 @@ impl<'m> Mapping<'m> {
 
     /// The most likely particle.
     pub fn best(&self) -> Option<&Particle> {
-        self.slam.filter().particles().get(usize::from(self.best))
+        self.slam.filter().particles().get(self.slam.best())
     }
 
     /// What the particles' paths have become since the last segment that was [told](Self::segment_told), if anything.
@@ -147,7 +143,7 @@ impl<'m> Mapping<'m> {
             step: *step,
             since_step: *told_step,
             stamp: *stamp,
-            best: self.best,
+            best: self.slam.best() as u8,
             particles: particles.collect(),
         })
     }

@@ -26,12 +26,12 @@ mod returning;
 use self::leaving::Leaving;
 use self::returning::Returning;
 use super::mapping::Mapping;
-use super::pools::TILE_SIDE;
 use crate::wire::message::TileUpdate;
 use crate::wire::session::{QueueFullError, Session};
 use lrfslam_core::distributed_map::{DistributedMap, Region, TilePlace};
 use lrfslam_core::geometry::Point2;
 use lrfslam_core::math::floor;
+use lrfslam_core::slam::TILE_SIDE;
 use lrfslam_core::time::{Duration, Instant};
 
 /// From the scan at which a tile is sent or asked for to that at which it is gone or there.

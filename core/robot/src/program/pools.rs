@@ -3,21 +3,12 @@
 use super::report::LedgerEntry;
 use crate::wire::frame::MAX_FRAME;
 use crate::wire::session::SessionMemory;
-use lrfslam_core::de::Member;
-use lrfslam_core::geometry::Point2;
-use lrfslam_core::laser_odometry::OdometryMemory;
-use lrfslam_core::low_slam::LowSlamPools;
-use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::scan::{Beam, Echo};
-use lrfslam_core::slam::SlamMemory;
+use lrfslam_core::slam::{SlamMemory, SlamPools, TILE_SIDE};
 use lrfslam_core::time::Duration;
 
-/// Squares along the side of a tile.
-pub const TILE_SIDE: usize = 8;
 /// Bytes of the longest telegram: a URG-04LX's 682 beams, or any of an LMS2xx.
 const TELEGRAM: usize = 2304;
-/// Members of the widest search, that of a robot that is lost.
-const POPULATION: usize = 100;
 
 /// Memory that a [`Robot`](super::Robot) works in, lent by the caller.
 #[derive(Debug)]
@@ -36,8 +27,7 @@ pub struct RobotMemory<'m> {
 
 /// Pools of a robot as arrays; all zero, so that a static of it costs no flash.
 ///
-/// The parameters are the numbers of map tiles, map tiles about the robot (4ⁿ), particles, nodes (twice as many), beams, cells' tiles, places about
-/// the robot at which those can be (4ⁿ for each of the two overlapping grids), and bytes that wait for the host.
+/// The parameters are those of [`SlamPools`], and the number of bytes that wait for the host.
 #[derive(Debug)]
 pub struct RobotPools<
     const TILES: usize,
@@ -49,12 +39,7 @@ pub struct RobotPools<
     const NDT_PLACES: usize,
     const QUEUE: usize,
 > {
-    slam: LowSlamPools<TILE_SIDE, TILES, WINDOW, PARTICLES, NODES, PARTICLES, BEAMS, WINDOW>,
-    ndt_directory: [DirectoryEntry; NDT_PLACES],
-    ndt_tiles: [NdtTile; NDT_TILES],
-    population: [Member<3>; POPULATION],
-    points: [Point2; BEAMS],
-    hits: [Point2; BEAMS],
+    slam: SlamPools<TILES, WINDOW, PARTICLES, NODES, BEAMS, NDT_TILES, NDT_PLACES>,
     telegram: [u8; TELEGRAM],
     beams: [Beam; BEAMS],
     ledger: [LedgerEntry; WINDOW],
@@ -84,12 +69,7 @@ impl<
 {
     /// Pools that nobody uses yet.
     pub const EMPTY: Self = Self {
-        slam: LowSlamPools::EMPTY,
-        ndt_directory: [DirectoryEntry::EMPTY; NDT_PLACES],
-        ndt_tiles: [NdtTile::EMPTY; NDT_TILES],
-        population: [Member::EMPTY; POPULATION],
-        points: [Point2::new(0.0, 0.0); BEAMS],
-        hits: [Point2::new(0.0, 0.0); BEAMS],
+        slam: SlamPools::EMPTY,
         telegram: [0; TELEGRAM],
         // A hit at no range is all zero; nobody reads it before a scan is there.
         beams: [Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Hit(0.0) }; BEAMS],
@@ -100,17 +80,8 @@ impl<
 
     /// The pools as slices.
     pub fn lend(&mut self) -> RobotMemory<'_> {
-        let odometry = OdometryMemory {
-            directory: &mut self.ndt_directory,
-            tiles: &mut self.ndt_tiles,
-            population: &mut self.population,
-            points: &mut self.points,
-            hits: &mut self.hits,
-            key_points: &mut [],
-            key_scans: &mut [],
-        };
         RobotMemory {
-            mapping: SlamMemory { odometry, particles: self.slam.lend() },
+            mapping: self.slam.lend(),
             link: SessionMemory { queue: &mut self.queue, frame: &mut self.frame },
             telegram: &mut self.telegram,
             beams: &mut self.beams,

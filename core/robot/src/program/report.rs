@@ -3,11 +3,11 @@
 use crc::{CRC_32_ISO_HDLC, Crc};
 
 use super::mapping::Mapping;
-use super::pools::TILE_SIDE;
 use crate::wire::message::{FromRobot, TileUpdate};
 use crate::wire::session::{QueueFullError, Session};
 use lrfslam_core::distributed_map::TilePlace;
 use lrfslam_core::geometry::Point2;
+use lrfslam_core::slam::TILE_SIDE;
 
 /// Bytes of a tile's squares.
 pub(super) const TILE_BYTES: usize = 2 * TILE_SIDE * TILE_SIDE;

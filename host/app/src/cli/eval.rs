@@ -12,8 +12,8 @@ use lrfslam_host::runs::scans::read_scans;
 use lrfslam_host::scans::log::LogOptions;
 use lrfslam_host::trajectory::{TimedPose, read_trajectory, with_poses};
 use lrfslam_lab::evaluation::{
-    RelationReport, Standing, Statistics, StretchReport, TruthReport, Turn, evaluate_in_frame, evaluate_relations,
-    evaluate_stretches, evaluate_truth, read_relations,
+    OwnNoise, RelationReport, Standing, Statistics, StretchReport, TruthReport, Turn, evaluate_in_frame,
+    evaluate_relations, evaluate_stretches, evaluate_truth, read_relations,
 };
 
 /// Judge a trajectory by relations between poses or by the true path.
@@ -127,6 +127,12 @@ fn relation_table(report: &RelationReport) -> String {
     let _ = writeln!(text, "{:.2} % above 0.10 m", 100.0 * report.share_above_10_cm);
     let (from, to) = report.worst_at_s;
     let _ = writeln!(text, "worst: {from:.6} to {to:.6} s");
+    if let Some(OwnNoise { triangles, translation_m, rotation_deg }) = &report.own_noise {
+        let _ = writeln!(
+            text,
+            "the relations themselves err by {translation_m:.4} m and {rotation_deg:.2}°, as {triangles} triangles of them tell"
+        );
+    }
     text
 }
 

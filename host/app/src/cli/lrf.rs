@@ -160,7 +160,7 @@ fn plan(scan: &RangeScan<'_>) -> String {
             *cell = mark;
         }
     };
-    for point in scan.beams.iter().filter_map(|beam| Point2::of_hit(beam)) {
+    for point in scan.beams.iter().filter_map(Point2::of_hit) {
         (0..40).for_each(|part| put(point.x * part as f32 / 40.0, point.y * part as f32 / 40.0, b'.'));
         put(point.x, point.y, b'#');
     }

@@ -29,6 +29,11 @@ mod map;
 mod out;
 mod particles;
 mod progress;
+#[cfg(feature = "experiments")]
+mod prove;
+#[cfg(not(feature = "experiments"))]
+#[path = "no_prove.rs"]
+mod prove;
 mod replay;
 mod run;
 mod shared;
@@ -73,6 +78,7 @@ enum Command {
     )]
     Demo(demo::DemoArgs),
     Experiment(experiment::ExperimentArgs),
+    Prove(prove::ProveArgs),
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
 }
@@ -146,6 +152,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Config(args) => config::run(args),
         Command::Demo(args) => demo::run(args).and_then(|text| print(&text)),
         Command::Experiment(args) => experiment::run(args),
+        Command::Prove(args) => prove::run(args),
         Command::Completions(args) => completions::run(args),
         Command::Man(args) => man::run(args),
     };

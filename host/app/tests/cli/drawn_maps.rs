@@ -55,7 +55,7 @@ fn judge(log: &Path, out: &Path) -> Figures {
     let mut passed = HashSet::new();
     for (scan, pose) in scans.iter().zip(&path) {
         let map_from_lrf = *pose * scan.robot_from_lrf.unwrap_or_default();
-        for hit in scan.beams.iter().filter_map(|beam| Point2::of_hit(beam)) {
+        for hit in scan.beams.iter().filter_map(Point2::of_hit) {
             let hit = map_from_lrf.transform(hit);
             passed.extend(cells_on_ray(map_from_lrf.position(), hit, size_m));
             let near =

@@ -8,6 +8,7 @@ fn what_is_not_built_in_says_how_to_get_it() {
     let commands = [
         ("demo", "demo", ["demo", "--world", "castle"], cfg!(feature = "demo")),
         ("experiment", "experiments", ["experiment", "growth", "castle"], cfg!(feature = "experiments")),
+        ("prove", "experiments", ["prove", "--data", "castle"], cfg!(feature = "experiments")),
     ];
     for (command, feature, arguments, is_built_in) in commands {
         let (_, help, _) = run(folder.path(), &["--help"]);

@@ -11,6 +11,8 @@ mod keeps;
 mod left_out;
 mod localize;
 mod map_server;
+#[cfg(feature = "experiments")]
+mod prove;
 mod real_logs;
 mod results;
 mod vocabulary;

@@ -40,8 +40,17 @@ impl Laser {
     }
 
     pub fn hokuyo(folder: &Path) -> Self {
+        Self::on_the_floor(folder, HokuyoModel::urg_04lx_ug01())
+    }
+
+    /// One that sees the corridor's end: with a shorter view the way along it is a guess.
+    pub fn far_sighted(folder: &Path) -> Self {
+        Self::on_the_floor(folder, HokuyoModel::utm_30lx())
+    }
+
+    fn on_the_floor(folder: &Path, model: HokuyoModel) -> Self {
         let scene = Scenario::load("floor").expect("comes with the program").scene();
-        Self::new(folder, Box::new(VirtualHokuyo::new(HokuyoModel::urg_04lx_ug01(), Box::new(scene), 1)))
+        Self::new(folder, Box::new(VirtualHokuyo::new(model, Box::new(scene), 1)))
     }
 
     fn sick(folder: &Path, baud: u32) -> Self {

@@ -6,6 +6,7 @@
 mod relations;
 mod statistics;
 mod stretches;
+mod triangles;
 mod truth;
 
 use lrfslam_core::time::{Duration, Instant};
@@ -15,6 +16,7 @@ pub use relations::{
 };
 pub use statistics::{Distribution, Statistics};
 pub use stretches::{Standing, StretchError, StretchReport, Turn, evaluate_stretches};
+pub use triangles::OwnNoise;
 pub use truth::{RelativeError, TruthReport, alignment, evaluate_in_frame, evaluate_truth};
 
 use lrfslam_host::pose_f64::PoseF64;

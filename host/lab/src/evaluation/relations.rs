@@ -11,7 +11,7 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::{Duration, Instant};
 use serde::Serialize;
 
-use super::{EvaluationError, PosesByTime, Statistics};
+use super::{EvaluationError, OwnNoise, PosesByTime, Statistics};
 use crate::calibration::DisplacementError;
 use lrfslam_host::input::table::{TableError, read_table};
 use lrfslam_host::pose_f64::PoseF64;
@@ -64,6 +64,8 @@ pub struct RelationReport {
     pub share_above_10_cm: f64,
     /// Times of the worst relation by translation, s.
     pub worst_at_s: (f64, f64),
+    /// What the relations are worth themselves, if any three tell.
+    pub own_noise: Option<OwnNoise>,
 }
 
 /// Judges `poses` by `relations`; a pose may lie up to `tolerance` from a relation's time.
@@ -100,6 +102,7 @@ pub fn evaluate_relations(
         rotation_deg: Statistics::of(&rotations),
         share_above_10_cm: translations.iter().filter(|&&t| t > BAD_M).count() as f64 / errors.len() as f64,
         worst_at_s: (worst.start.as_secs_f64(), worst.end.as_secs_f64()),
+        own_noise: OwnNoise::of(relations),
     })
 }
 

@@ -39,7 +39,7 @@ pub fn scan_png(scan: &RangeScan<'_>) -> io::Result<Vec<u8>> {
         let (x, y) = pixel(Point2::new(radius, 0.0));
         canvas.text(x as usize + 4, y as usize + 4, 2, &format!("{radius:.1} m"), OCCUPIED);
     }
-    for point in scan.beams.iter().filter_map(|beam| Point2::of_hit(beam)) {
+    for point in scan.beams.iter().filter_map(Point2::of_hit) {
         canvas.line(pixel(point), pixel(point), 2.2, OCCUPIED);
     }
     canvas.line(pixel(Point2::default()), pixel(Point2::default()), 6.0, LASER);

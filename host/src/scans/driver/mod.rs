@@ -8,7 +8,7 @@ mod run;
 mod search;
 
 use super::family::{LrfFamily, LrfOptions};
-use lrfslam_core::scan::{Beam, Echo};
+use lrfslam_core::scan::Beam;
 use lrfslam_core::time::Duration;
 use lrfslam_lrf::driver::{BaudPolicy, LrfDriver};
 use lrfslam_lrf::hokuyo_scip::driver as hokuyo;
@@ -64,8 +64,7 @@ pub struct LaserMemory {
 
 impl Default for LaserMemory {
     fn default() -> Self {
-        let blank = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
         let bytes = hokuyo::FRAME_MEMORY.max(sick::TELEGRAM_MEMORY);
-        Self { bytes: vec![0; bytes], beams: vec![blank; hokuyo::BEAM_MEMORY.max(rplidar::BEAM_MEMORY)] }
+        Self { bytes: vec![0; bytes], beams: vec![Beam::BLANK; hokuyo::BEAM_MEMORY.max(rplidar::BEAM_MEMORY)] }
     }
 }

@@ -92,7 +92,7 @@ mod tests {
         let mut counts = LogCounts { scans: 1980, ..LogCounts::default() };
         assert_eq!(counts.damage_note(), None);
         counts.add_damaged(7, fault("time".to_owned(), "a finite number", Some("x")));
-        let note = "1 damaged line was left out\n      line 7: field time: expected a finite number, found \"x\"";
+        let note = "1 damaged line left out\n      line 7: field time: expected a finite number, found \"x\"";
         assert_eq!(counts.damage_note().unwrap(), note);
         (8..27).for_each(|line| counts.add_damaged(line, fault("time".to_owned(), "a finite number", None)));
         let note = counts.damage_note().unwrap();

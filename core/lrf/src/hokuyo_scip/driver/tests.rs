@@ -24,8 +24,6 @@ fn describe(output: Output<'_>) -> String {
     }
 }
 
-const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: lrfslam_scan::Echo::Invalid };
-
 fn to_streaming(desk: &mut Desk<HokuyoDriver<'_>>) {
     desk.wait();
     desk.reply("QT\n00P\n\n");
@@ -45,7 +43,7 @@ fn to_streaming(desk: &mut Desk<HokuyoDriver<'_>>) {
 
 #[test]
 fn session_goes_from_finding_to_a_scan() {
-    let (mut frame, mut beams) = ([0; 2300], [BLANK; 682]);
+    let (mut frame, mut beams) = ([0; 2300], [Beam::BLANK; 682]);
     let config = HokuyoConfig { steps: Some((384, 384)), ..HokuyoConfig::default() };
     let mut desk = Desk::new(config, &mut frame, &mut beams);
     assert_eq!(desk.heard(), ["baud 19200", "|"]);
@@ -66,7 +64,7 @@ fn session_goes_from_finding_to_a_scan() {
 
 #[test]
 fn scip1_sensor_is_led_to_scip2() {
-    let (mut frame, mut beams) = ([0; 2300], [BLANK; 682]);
+    let (mut frame, mut beams) = ([0; 2300], [Beam::BLANK; 682]);
     let mut desk = Desk::new(HokuyoConfig::default(), &mut frame, &mut beams);
     desk.wait();
     desk.reply("QT\nE\n\n");
@@ -77,7 +75,7 @@ fn scip1_sensor_is_led_to_scip2() {
 
 #[test]
 fn sensor_in_time_mode_is_led_out() {
-    let (mut frame, mut beams) = ([0; 2300], [BLANK; 682]);
+    let (mut frame, mut beams) = ([0; 2300], [Beam::BLANK; 682]);
     let mut desk = Desk::new(HokuyoConfig::default(), &mut frame, &mut beams);
     desk.wait();
     desk.reply("QT\n0Ee\n\n");
@@ -88,7 +86,7 @@ fn sensor_in_time_mode_is_led_out() {
 
 #[test]
 fn silence_tries_every_rate_and_says_so() {
-    let (mut frame, mut beams) = ([0; 2300], [BLANK; 682]);
+    let (mut frame, mut beams) = ([0; 2300], [Beam::BLANK; 682]);
     let config = HokuyoConfig { baud: BaudPolicy::Raise(115_200), ..HokuyoConfig::default() };
     let mut desk = Desk::new(config, &mut frame, &mut beams);
     while !desk.said.last().unwrap().contains("no reply") {
@@ -103,7 +101,7 @@ fn silence_tries_every_rate_and_says_so() {
 
 #[test]
 fn rate_is_raised_and_verified() {
-    let (mut frame, mut beams) = ([0; 2300], [BLANK; 682]);
+    let (mut frame, mut beams) = ([0; 2300], [Beam::BLANK; 682]);
     let config = HokuyoConfig { baud: BaudPolicy::Raise(115_200), ..HokuyoConfig::default() };
     let mut desk = Desk::new(config, &mut frame, &mut beams);
     while desk.said.last().unwrap() != "|" || !desk.said.contains(&String::from("baud 19200")) {
@@ -123,7 +121,7 @@ fn rate_is_raised_and_verified() {
 
 #[test]
 fn eight_damaged_scans_begin_the_session_anew() {
-    let (mut frame, mut beams) = ([0; 2300], [BLANK; 682]);
+    let (mut frame, mut beams) = ([0; 2300], [Beam::BLANK; 682]);
     let mut desk = Desk::new(HokuyoConfig::default(), &mut frame, &mut beams);
     to_streaming(&mut desk);
     desk.reply("MD0044072501000\n00P\n\n");
@@ -138,7 +136,7 @@ fn eight_damaged_scans_begin_the_session_anew() {
 
 #[test]
 fn unplugging_is_told_and_replugging_begins_anew() {
-    let (mut frame, mut beams) = ([0; 2300], [BLANK; 682]);
+    let (mut frame, mut beams) = ([0; 2300], [Beam::BLANK; 682]);
     let mut desk = Desk::new(HokuyoConfig::default(), &mut frame, &mut beams);
     desk.give(Input::Disconnected);
     desk.give(Input::Connected);

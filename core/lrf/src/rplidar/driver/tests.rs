@@ -5,8 +5,6 @@ use crate::rplidar::response::Descriptor;
 use std::string::String;
 use std::vec::Vec;
 
-const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Invalid };
-
 impl<'a> Desk<RplidarDriver<'a>> {
     fn new(beams: &'a mut [Beam]) -> Self {
         Self::with(RplidarDriver::new(RplidarConfig::default(), beams), describe)
@@ -44,7 +42,7 @@ fn to_streaming(desk: &mut Desk<RplidarDriver<'_>>, kind: ResponseKind) {
 #[test]
 fn session_goes_from_finding_to_whole_turns() {
     for (dense, kind) in [(false, ResponseKind::Capsule), (true, ResponseKind::DenseCapsule)] {
-        let mut beams = [BLANK; BEAM_MEMORY];
+        let mut beams = [Beam::BLANK; BEAM_MEMORY];
         let mut desk = Desk::new(&mut beams);
         to_streaming(&mut desk, kind);
         assert_eq!(
@@ -75,7 +73,7 @@ fn session_goes_from_finding_to_whole_turns() {
 
 #[test]
 fn damaged_packet_costs_its_turn() {
-    let mut beams = [BLANK; BEAM_MEMORY];
+    let mut beams = [Beam::BLANK; BEAM_MEMORY];
     let mut desk = Desk::new(&mut beams);
     to_streaming(&mut desk, ResponseKind::DenseCapsule);
     desk.heard();
@@ -91,7 +89,7 @@ fn damaged_packet_costs_its_turn() {
 
 #[test]
 fn sensor_without_express_mode_is_scanned_the_old_way() {
-    let mut beams = [BLANK; BEAM_MEMORY];
+    let mut beams = [Beam::BLANK; BEAM_MEMORY];
     let mut desk = Desk::new(&mut beams);
     desk.wait();
     desk.reply(ResponseKind::Info, &INFO);
@@ -111,7 +109,7 @@ fn sensor_without_express_mode_is_scanned_the_old_way() {
 
 #[test]
 fn sick_sensor_is_reset_and_told() {
-    let mut beams = [BLANK; BEAM_MEMORY];
+    let mut beams = [Beam::BLANK; BEAM_MEMORY];
     let mut desk = Desk::new(&mut beams);
     desk.wait();
     desk.reply(ResponseKind::Info, &INFO);

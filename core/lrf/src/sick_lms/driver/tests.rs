@@ -30,7 +30,6 @@ fn describe(output: Output<'_>) -> String {
     }
 }
 
-const BLANK: Beam = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: lrfslam_scan::Echo::Invalid };
 const DONE: [u8; 3] = [0xA0, 0x00, 0x10];
 
 fn status(resolution_cdeg: u8) -> Vec<u8> {
@@ -55,7 +54,7 @@ fn scan(values: u16, turn: Option<u8>) -> Vec<u8> {
 
 #[test]
 fn session_goes_from_finding_to_a_scan() {
-    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [BLANK; BEAM_MEMORY]);
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
     let config_38400 = SickConfig { baud: BaudPolicy::Raise(38_400), ..SickConfig::default() };
     let mut desk = Desk::new(config_38400, &mut bytes, &mut beams);
     assert_eq!(desk.heard(), ["baud 38400", "20 25"]);
@@ -85,7 +84,7 @@ fn session_goes_from_finding_to_a_scan() {
 
 #[test]
 fn sensor_that_refuses_turns_streams_whole_scans() {
-    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [BLANK; BEAM_MEMORY]);
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
     let mut desk = Desk::new(SickConfig::default(), &mut bytes, &mut beams);
     desk.reply(&DONE);
     desk.reply(&[0x92, 0x10]);
@@ -101,7 +100,7 @@ fn sensor_that_refuses_turns_streams_whole_scans() {
 
 #[test]
 fn unit_is_changed_in_installation_mode() {
-    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [BLANK; BEAM_MEMORY]);
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
     let config_cm = SickConfig { unit: Some(Unit::Centimetre), ..SickConfig::default() };
     let mut desk = Desk::new(config_cm, &mut bytes, &mut beams);
     desk.reply(&DONE);
@@ -122,7 +121,7 @@ fn unit_is_changed_in_installation_mode() {
 
 #[test]
 fn wrong_password_is_told_and_scans_come_all_the_same() {
-    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [BLANK; BEAM_MEMORY]);
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
     let config_cm = SickConfig { unit: Some(Unit::Centimetre), ..SickConfig::default() };
     let mut desk = Desk::new(config_cm, &mut bytes, &mut beams);
     desk.reply(&DONE);
@@ -139,7 +138,7 @@ fn wrong_password_is_told_and_scans_come_all_the_same() {
 
 #[test]
 fn power_on_telegram_begins_the_session_anew() {
-    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [BLANK; BEAM_MEMORY]);
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
     let mut desk = Desk::new(SickConfig::default(), &mut bytes, &mut beams);
     desk.reply(&DONE);
     desk.reply(&[0xBA, 0x10]);
@@ -154,7 +153,7 @@ fn power_on_telegram_begins_the_session_anew() {
 
 #[test]
 fn silence_tries_every_rate_and_says_so() {
-    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [BLANK; BEAM_MEMORY]);
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
     let mut desk = Desk::new(SickConfig::default(), &mut bytes, &mut beams);
     while !desk.said.last().unwrap().contains("no reply") {
         desk.wait();
@@ -166,7 +165,7 @@ fn silence_tries_every_rate_and_says_so() {
 /// A simple sensor, or a simple simulator: it streams, and answers nothing else.
 #[test]
 fn sensor_that_knows_nothing_but_streaming_gives_scans() {
-    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [BLANK; BEAM_MEMORY]);
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
     let mut desk = Desk::new(SickConfig::default(), &mut bytes, &mut beams);
     desk.reply(&DONE);
     while desk.said.last().unwrap() != "20 24" {

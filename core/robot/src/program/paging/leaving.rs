@@ -5,10 +5,10 @@ use crate::wire::session::{QueueFullError, Session};
 use lrfslam_core::distributed_map::{DistributedMap, Region, TilePlace};
 use lrfslam_core::time::Instant;
 
-use super::super::pools::TILE_SIDE;
 use super::super::report::{CRC32, TILE_BYTES};
 use super::super::sweep_report::KEPT_FREE;
 use super::{ANSWER_TIME, TileCounts};
+use lrfslam_core::slam::TILE_SIDE;
 
 /// Most that are on their way.
 const LEAVING: usize = 32;

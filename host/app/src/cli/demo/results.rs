@@ -229,7 +229,10 @@ fn table(args: &DemoArgs, errors: &Errors, cloud: &Cloud, judged: usize, drive: 
 }
 
 fn loops(drive: &DriveRecord) -> String {
-    format!("{} closed", count(drive.report.high.map_or(0, |high| high.closures), "loop"))
+    match drive.report.high.map_or(0, |high| high.closures) {
+        0 => "no loop closed".to_owned(),
+        closures => format!("{} closed", count(closures, "loop")),
+    }
 }
 
 #[cfg(test)]
