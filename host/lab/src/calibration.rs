@@ -78,7 +78,6 @@ impl MotionFit {
             lateral_m: self.lateral_m.per_step as f32,
             heading_deg: self.heading_deg.per_step as f32,
             undetermined_m: self.prediction_m as f32,
-            ..ScanMatchingMotionConfig::default()
         }
     }
 }

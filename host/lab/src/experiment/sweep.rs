@@ -295,7 +295,7 @@ impl Bench {
 
     fn config(&self, method: Method, run: &Rig) -> NdtConfig {
         match method {
-            Method::Thesis => NdtConfig { cell_size_m: 1.0, grids: 1, noise_m: 0.0, ..run.slam.ndt },
+            Method::Thesis => NdtConfig { cell_size_m: 1.0, grids: 1, noise_m: 0.0 },
             Method::Ours => NdtConfig { cell_size_m: self.cell_size_m, ..run.slam.ndt },
         }
     }
