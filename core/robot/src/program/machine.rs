@@ -236,8 +236,7 @@ impl<'m> Robot<'m> {
                     if mapped.report.filter.is_some() {
                         map_report.map_changed();
                     }
-                    let config = mapping.config();
-                    let motion = mapped.report.odometry.motion;
+                    let (config, motion) = (mapping.config(), mapped.report.odometry.motion);
                     let sweep = Sweep { scan, robot_from_lrf: config.robot_from_lrf, motion };
                     let is_told = sweep_report.tell(&config.report, &sweep, &mapped, link);
                     status.untold_sweeps = status.untold_sweeps.saturating_add(u32::from(!is_told));
