@@ -25,6 +25,7 @@ fn with(change: impl Fn(&mut RobotConfig)) -> RobotConfig {
 }
 
 /// Configurations that do not fit the memory for 32 particles, 1024 tiles about the robot and two grids, and why.
+#[expect(clippy::too_many_lines, reason = "a table")]
 fn misfits() -> Vec<(RobotConfig, &'static str)> {
     vec![
         (with(|config| config.slam.ndt.grids = 1), "ndt.grids is 1, the memory is divided for 2"),

@@ -137,20 +137,8 @@ fn a_robot_is_configured_heard_stopped_and_let_go() {
         "{report}"
     );
     // Let go, it takes another configuration, and begins another map.
-    let arguments = [
-        "attach",
-        "--port",
-        &bench.port,
-        "--lrf",
-        "hokuyo",
-        "--out",
-        "next",
-        "--scans",
-        "5",
-        "--particles",
-        "20",
-        "-q",
-    ];
+    let line = format!("attach --port {} --lrf hokuyo --out next --scans 5 --particles 20 -q", bench.port);
+    let arguments: Vec<&str> = line.split(' ').collect();
     assert_eq!(run(folder.path(), &arguments), (0, String::new(), String::new()));
     let first = read_trajectory(&folder.path().join("next/trajectory.tum")).unwrap()[0];
     assert!(first.map_from_robot.position().norm() < 0.1 && first.stamp > path[path.len() - 1].stamp, "{first:?}");
