@@ -58,7 +58,7 @@ pub trait Ports {
     fn mapped(&mut self, _mapped: &Mapped) {}
 }
 
-/// The robot; see the [module](super).
+/// The robot; see the [crate](crate).
 #[derive(Debug)]
 pub struct Robot<'m> {
     pub(super) board: &'static str,
