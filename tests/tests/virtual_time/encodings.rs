@@ -24,8 +24,8 @@ use lrfslam_robot::wire::session::{LAYOUT, Packet, Progress, VERSION};
 use lrfslam_robot::wire::sweep::SweepPart;
 
 const RENEW: &str = "LRFSLAM_RENEW_GOLDEN";
-const LINK_VERSION: &str = "VERSION in core/src/wire/packet.rs (of the robot link, and so of robot.journal)";
-const RECORDING_VERSION: &str = "MAGIC in host/src/recording.rs (LRFREC01)";
+const LINK_VERSION: &str = "VERSION in core/robot/src/wire/packet.rs (of the robot link, and so of robot.journal)";
+const RECORDING_VERSION: &str = "MAGIC in host/src/scans/recording/mod.rs (LRFREC01)";
 /// Before the bytes of the configuration, in the file.
 const CONFIGURE: &str = "to robot: Configure = ";
 
