@@ -105,7 +105,7 @@ impl PerceptionModel {
         self.reach_squares / self.squares_per_metre
     }
 
-    /// Logarithm of the likelihood of a scan in the map that `view` shows: 0 at best, `gain` · ln [`FLOOR`] for each ray at worst.
+    /// Logarithm of the likelihood of a scan in the map that `view` shows: 0 at best, `gain` · ln `FLOOR` for each ray at worst.
     ///
     /// * `rays` — every `beam_step`-th is used; `map_from_lrf` — pose of the laser
     /// * a ray that hit something counts by eq. (3.39), one that did not by its chance to pass; the Gaussian of eq. (3.38)

@@ -1,4 +1,4 @@
-//! The robot's program as a process: [`lrfslam_robot::robot`] between a laser at a serial port and a host at another one or on the network.
+//! The robot's program as a process: [`lrfslam_robot`] between a laser at a serial port and a host at another one or on the network.
 //!
 //! What firmware is on a microcontroller, this is on a computer of a robot: the same state machine, to which bytes and the time are brought.
 //! Each line has a thread that reads and stamps; the robot itself has one, because its results must depend on nothing but the order of
