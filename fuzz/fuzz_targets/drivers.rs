@@ -2,14 +2,14 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
+use lrfslam_core::scan::{Beam, Echo};
+use lrfslam_core::time::{Duration, Instant};
 use lrfslam_lrf::driver::{BaudPolicy, Event, Input, LrfDriver, Output};
 use lrfslam_lrf::hokuyo_scip::driver as hokuyo;
 use lrfslam_lrf::hokuyo_scip::{HokuyoConfig, HokuyoDriver};
 use lrfslam_lrf::sick_lms::driver as sick;
 use lrfslam_lrf::sick_lms::telegram::{self, Direction};
 use lrfslam_lrf::sick_lms::{SickConfig, SickDriver};
-use lrfslam_core::scan::{Beam, Echo};
-use lrfslam_core::time::{Duration, Instant};
 
 /// Answers that lead a driver on, so that what lies behind is reached.
 const HELP: [&[u8]; 9] = [

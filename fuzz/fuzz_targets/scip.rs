@@ -2,11 +2,11 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
+use lrfslam_core::scan::{Beam, Echo};
+use lrfslam_core::time::Duration;
 use lrfslam_lrf::hokuyo_scip::command::split_tag;
 use lrfslam_lrf::hokuyo_scip::scan::read_scan;
 use lrfslam_lrf::hokuyo_scip::{Command, Reply, ScipDecoder, SensorParameters};
-use lrfslam_core::scan::{Beam, Echo};
-use lrfslam_core::time::Duration;
 
 /// All frames of `bytes`, in pieces of `piece`.
 fn frames(bytes: &[u8], piece: usize) -> Vec<Vec<u8>> {

@@ -2,13 +2,13 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
+use lrfslam_core::scan::{Beam, Echo};
+use lrfslam_core::time::Duration;
 use lrfslam_lrf::sick_lms::measurement::ValueFormat;
 use lrfslam_lrf::sick_lms::request::Variant;
 use lrfslam_lrf::sick_lms::scan::ScanLayout;
 use lrfslam_lrf::sick_lms::telegram::{self, Direction, MAX_TELEGRAM};
 use lrfslam_lrf::sick_lms::{DecoderEvent, Reply, ReplyBody, Request, TelegramDecoder};
-use lrfslam_core::scan::{Beam, Echo};
-use lrfslam_core::time::Duration;
 
 /// All events of `bytes`, in pieces of `piece`; ACK and NAK as one byte.
 fn events(direction: Direction, bytes: &[u8], piece: usize) -> Vec<Vec<u8>> {

@@ -2,12 +2,12 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
+use lrfslam_core::scan::{Beam, Echo};
+use lrfslam_core::time::{Duration, Instant};
 use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output};
 use lrfslam_lrf::ldrobot::{LdrobotDriver, PacketDecoder};
 use lrfslam_lrf::rplidar::response::{Descriptor, ResponseKind};
 use lrfslam_lrf::rplidar::{Capsule, RplidarConfig, RplidarDecoder, RplidarDriver};
-use lrfslam_core::scan::{Beam, Echo};
-use lrfslam_core::time::{Duration, Instant};
 
 fn ldrobot_packets(bytes: &[u8], piece: usize) -> usize {
     let mut decoder = PacketDecoder::default();
@@ -42,7 +42,13 @@ fn rplidar_events(bytes: &[u8], piece: usize) -> usize {
 
 /// Answers and packets with right sums, at angles of the input's choice.
 fn help(step: u8) -> Vec<u8> {
-    let kinds = [ResponseKind::Info, ResponseKind::Health, ResponseKind::Capsule, ResponseKind::DenseCapsule, ResponseKind::Sample];
+    let kinds = [
+        ResponseKind::Info,
+        ResponseKind::Health,
+        ResponseKind::Capsule,
+        ResponseKind::DenseCapsule,
+        ResponseKind::Sample,
+    ];
     match step {
         0..=4 => {
             let kind = kinds[usize::from(step)];
@@ -50,7 +56,9 @@ fn help(step: u8) -> Vec<u8> {
             bytes.resize(7 + if kind.repeats() { 0 } else { kind.length() }, 0);
             bytes
         }
-        _ => Capsule::build(step & 1 == 0, step == 5, f32::from(step) * 1.4, &[u16::from(step) * 9; 40]).bytes().to_vec(),
+        _ => {
+            Capsule::build(step & 1 == 0, step == 5, f32::from(step) * 1.4, &[u16::from(step) * 9; 40]).bytes().to_vec()
+        }
     }
 }
 

@@ -7,11 +7,11 @@
 use core::fmt::Write as _;
 
 use lrfslam_core::geometry::Pose2;
-use lrfslam_robot::{Mapping, Ports as _, RobotConfig};
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware::Pools;
 use lrfslam_firmware::board::{Board, recording, stack};
+use lrfslam_robot::{Mapping, Ports as _, RobotConfig};
 use static_cell::ConstStaticCell;
 
 static POOLS: ConstStaticCell<Pools> = ConstStaticCell::new(Pools::EMPTY);

@@ -7,8 +7,8 @@
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::exception;
-use lrfslam_robot::Ports;
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_robot::Ports;
 use lrfslam_robot::wire::message::Health;
 use stm32h7xx_hal::independent_watchdog::IndependentWatchdog;
 use stm32h7xx_hal::pac::{self, interrupt};
