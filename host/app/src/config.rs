@@ -185,8 +185,7 @@ pub enum RunConfigError {
 fn with_notice_of_cut_keys(message: &str) -> String {
     let message = message.trim_end();
     let is_unknown = message.contains("unknown field") || message.contains("there is no section");
-    let notice =
-        if is_unknown { "; 0.2 has fewer keys than 0.1: what `lrfslam config` does not print is fixed" } else { "" };
+    let notice = if is_unknown { "; `lrfslam config` prints all that there are; older versions had more" } else { "" };
     format!("{message}{notice}")
 }
 

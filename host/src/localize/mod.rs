@@ -17,6 +17,7 @@ use lrfslam_core::slam::SlamConfig;
 use nalgebra::Matrix3;
 
 pub use known_map::KnownMap;
+pub(crate) use start::ON_WALLS_MIN;
 pub use start::{ScansAhead, StartFit, StartJudge};
 
 use self::finder::Finder;

@@ -19,7 +19,7 @@ const TOLD_WITHIN_M: f32 = 0.6;
 /// … and rad.
 const TOLD_WITHIN_RAD: f32 = 0.35;
 /// Less of what the laser sees than this on the map's walls says nothing about the start.
-const ON_WALLS_MIN: f32 = 0.2;
+pub(crate) const ON_WALLS_MIN: f32 = 0.2;
 
 /// Scans of a log, in order, as often as they are wanted.
 pub trait ScansAhead {

@@ -9,7 +9,7 @@ use lrfslam_core::scan::RangeScan;
 use lrfslam_core::time::Instant;
 use serde::Serialize;
 
-use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerConfig, LocalizerMemory, Located};
+use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerConfig, LocalizerMemory, Located, ON_WALLS_MIN};
 use crate::maps::occupancy::{MapConfig, OccupancyMap};
 use crate::maps::picture::{PictureNotes, write_picture};
 use crate::output::write_file;
@@ -43,7 +43,7 @@ pub struct LocalizeReport<C> {
     pub start: Option<[f32; 3]>,
     /// What happened.
     pub localisation: LocalizeCounts,
-    /// From the first scan to the first one with a pose, s; none if there is none.
+    /// From the first scan to the first one with a pose that the map's walls confirm, s; none if there is none.
     pub first_found_after_s: Option<f64>,
     /// Not all scans of the log are in the results.
     pub partial: bool,
@@ -95,7 +95,10 @@ impl<'m> LocalizeRun<'m> {
         match &located {
             None => self.table.push_str("searching,,,,,,,0,,\n"),
             Some(located) => {
-                self.first_found.get_or_insert(scan.stamp);
+                // A told start is found when the laser sees the map from there.
+                if located.on_walls >= ON_WALLS_MIN {
+                    self.first_found.get_or_insert(scan.stamp);
+                }
                 push_row(&mut self.table, located);
                 self.path.push(TimedPose { stamp: scan.stamp, map_from_robot: located.map_from_robot });
             }
@@ -129,7 +132,9 @@ impl<'m> LocalizeRun<'m> {
     ) -> anyhow::Result<LocalizeReport<C>> {
         let after = self.first.zip(self.first_found).map(|(first, found)| found.since(first).micros as f64 / 1e6);
         let report = describe(self.localizer.counts(), after);
-        write_trajectory(&folder.join("trajectory.tum"), &self.path)?;
+        // Poses from a start that the laser never confirmed are none.
+        let path = if after.is_some() { &self.path[..] } else { &[] };
+        write_trajectory(&folder.join("trajectory.tum"), path)?;
         let text = serde_json::to_string_pretty(&report)? + "\n";
         for (name, text) in [("localization.csv", &self.table), ("run.json", &text)] {
             let file = folder.join(name);
@@ -138,7 +143,7 @@ impl<'m> LocalizeRun<'m> {
         let picture = folder.join(PICTURE);
         let (has_times, found_after_s) = (report.source.has_times(), report.first_found_after_s.unwrap_or(0.0));
         let notes = PictureNotes { truth: &[], has_times, found_after_s };
-        draw(self.map, &self.path, drawing, &notes, &picture)
+        draw(self.map, path, drawing, &notes, &picture)
             .with_context(|| format!("{}: cannot be written", picture.display()))?;
         Ok(report)
     }

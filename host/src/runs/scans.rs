@@ -51,9 +51,8 @@ impl Scans {
     /// If there is none, or no scan of a log can be read.
     pub fn open(path: &Path, options: LogOptions, stop: &'static AtomicBool, say: Say) -> anyhow::Result<Self> {
         let is_piped = is_stdin(path);
-        let recorded = path.join(RECORDING);
-        if path.is_dir() && recorded.is_file() {
-            return Self::replay(&recorded, true, stop, say);
+        if path.is_dir() && path.join(RECORDING).is_file() {
+            return Self::replay(path, true, stop, say);
         }
         let reader = if is_piped {
             LogReader::from_reader("-", Piped::new(io::stdin(), stop), options)
@@ -70,14 +69,15 @@ impl Scans {
         }
     }
 
-    /// Those of a recording; if not `fast`, they come when they came.
+    /// Those of a recording, or of the one in a folder; if not `fast`, they come when they came.
     ///
     /// # Errors
     /// If it is none.
     pub fn replay(path: &Path, fast: bool, stop: &'static AtomicBool, say: Say) -> anyhow::Result<Self> {
-        RecordingReader::open(path)?;
-        let source = ScanSource::Recording { path: path.to_owned(), fast };
-        let (stream, file) = (Box::new(ScanStream::new(source, stop, say)), Some(path.to_owned()));
+        let path = if path.is_dir() { path.join(RECORDING) } else { path.to_owned() };
+        RecordingReader::open(&path)?;
+        let source = ScanSource::Recording { path: path.clone(), fast };
+        let (stream, file) = (Box::new(ScanStream::new(source, stop, say)), Some(path.clone()));
         Ok(Self { name: path.display().to_string(), stop, origin: Origin::Laser { stream, file, report: None } })
     }
 

@@ -229,9 +229,16 @@ impl Localization<'_> {
 fn summary(report: &LocalizeReport, out: &Path) -> String {
     let LocalizeCounts { tracked_scans, searching_scans, searches, found, lost } = report.localisation;
     let times = |number| count(number, "time");
-    let mut text = format!("{}, pose known at {tracked_scans}", count(tracked_scans + searching_scans, "scan"));
+    let scans = count(tracked_scans + searching_scans, "scan");
+    let mut text = match report.first_found_after_s {
+        None => scans,
+        Some(_) => format!("{scans}, pose known at {tracked_scans}"),
+    };
     // Writing to a string cannot fail.
     let _ = match report.first_found_after_s {
+        None if report.start.is_some() && searches == 0 => {
+            writeln!(text, "\nwhat the laser sees from the told start is nowhere in the map: the start is wrong")
+        }
         None => {
             let searched = times(searches);
             writeln!(text, "\nthe robot has not found itself in the map (searched for {searched})")

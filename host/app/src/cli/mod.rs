@@ -86,11 +86,11 @@ enum Command {
 const EXIT_CODES: &str = "\
 Exit codes:
   0    done
-  1    a fault on the way: what was earned until then is written, and said to be partial
+  1    a fault on the way, or nothing at a port: what was earned until then is written, and said to be partial
   2    wrong usage, or input that is wrong from the start: nothing was done
   3    done, but the robot was not found in the map (localize, map --continue)
   130  ended early by ctrl-C: what was earned until then is written, and said to be partial
-Ctrl-C is how run, attach and demo end: with 0. Pressed twice, it ends every command at once.";
+Ctrl-C is how run, attach, demo and a live localize end: with 0. Pressed twice, it ends every command at once.";
 
 /// Why a command did not end well.
 #[derive(Debug)]

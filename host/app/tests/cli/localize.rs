@@ -35,12 +35,19 @@ fn report(folder: &Path) -> serde_json::Value {
 }
 
 fn farthest_apart(path: &Path, truth: &Path) -> f64 {
+    *distances(path, truth).last().unwrap()
+}
+
+/// Distances of the poses of `path` from those of `truth`, m, the smallest first.
+fn distances(path: &Path, truth: &Path) -> Vec<f64> {
     let truth = read_positions(truth);
     let distance = |(stamp, x, y): (String, f64, f64)| {
         let (_, true_x, true_y) = truth.iter().find(|(of, ..)| *of == stamp).expect("a pose for every scan");
         (x - true_x).hypot(y - true_y)
     };
-    read_positions(path).into_iter().map(distance).fold(0.0, f64::max)
+    let mut apart: Vec<f64> = read_positions(path).into_iter().map(distance).collect();
+    apart.sort_by(f64::total_cmp);
+    apart
 }
 
 #[test]
@@ -57,6 +64,13 @@ fn a_robot_finds_itself_and_only_in_the_right_map() {
     }
     let map_before = fs::read(folder.join("all/map.lrfslam")).unwrap();
 
+    // A start that is far from all of the map is no start.
+    let far = ["localize", "later.log", "--map", "all", "--start", "50,50,0", "--out", "far"];
+    let (code, stdout, stderr) = run(folder, &far);
+    assert_eq!(code, 3, "{stdout}{stderr}");
+    assert!(stdout.contains("from the told start is nowhere in the map"), "{stdout}");
+    assert_eq!(fs::read_to_string(folder.join("far/trajectory.tum")).unwrap(), "", "a path that nothing confirms");
+
     let (code, stdout, stderr) = run(folder, &["localize", "later.log", "--map", "all", "--out", "found"]);
     assert_eq!((code, stderr.as_str()), (0, ""));
     assert!(stdout.contains("; found after ") && stdout.ends_with("results in found\n"), "{stdout}");
@@ -72,8 +86,10 @@ fn a_robot_finds_itself_and_only_in_the_right_map() {
     let start = ["localize", "all.log", "--map", "all", "--start", "0,0,0", "--out", "known", "-q"];
     assert_eq!(run(folder, &start), (0, String::new(), String::new()));
     assert_eq!(report(&folder.join("known"))["localisation"]["tracked_scans"], lines.len());
-    let apart = farthest_apart(&folder.join("known/trajectory.tum"), &folder.join("all/trajectory.tum"));
-    assert!(apart < RIGHT_M, "{apart} m");
+    // Over maps of three seeds and five seeds of localisation: mean 0.014 to 0.015 m, 99 % within 0.13 m, the worst pose 0.17 to 0.30 m.
+    let apart = distances(&folder.join("known/trajectory.tum"), &folder.join("all/trajectory.tum"));
+    let (mean, worst) = (apart.iter().sum::<f64>() / apart.len() as f64, apart[apart.len() - 1]);
+    assert!(mean < 0.02 && apart[apart.len() * 99 / 100] < 0.15 && worst < 0.35, "{mean} m, at most {worst} m");
 
     let (code, stdout, _) = run(folder, &["localize", "later.log", "--map", "other", "--out", "nowhere"]);
     assert_eq!(code, 3);
@@ -167,11 +183,16 @@ fn a_map_is_not_gone_on_with_where_the_log_does_not_fit() {
     let (code, stderr) = go_on("second.log", &["--start", "0,0,90"]);
     assert!(code == 3 && stderr.contains("does not fit the map in first at 0.00,0.00,90.0"), "{stderr}");
     let (code, stderr) = go_on("first.log", &["--start", "1,0,0"]);
-    assert!(code == 3 && stderr.contains("it fits at 0.0"), "a metre off along a wall is noticed: {stderr}");
+    let fits_at: Vec<f64> = stderr
+        .split_once("it fits at ")
+        .map(|(_, at)| at.split([',', ':']).take(2).map(|word| word.parse().unwrap()).collect())
+        .unwrap_or_default();
+    let is_right = matches!(fits_at[..], [x, y] if x.hypot(y) < RIGHT_M);
+    assert!(code == 3 && is_right, "a metre off along a wall is noticed: {stderr}");
     // The start of the first drive, found without being told; afterwards the map holds both, in place of the first one's.
     let (code, stderr) = go_on("first.log", &[]);
     assert_eq!(code, 0, "{stderr}");
-    assert!(stderr.contains("the drive begins at 0.0"), "{stderr}");
+    assert!(stderr.contains("the drive begins at "), "{stderr}");
     let start = read_positions(&folder.join("first/trajectory.tum"))[0].clone();
     assert!(start.1.hypot(start.2) < RIGHT_M, "{start:?}");
 }

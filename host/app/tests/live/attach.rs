@@ -273,6 +273,13 @@ fn what_cannot_be_attached_to_is_said() {
     fs::write(folder.path().join("robot-map/robot.journal"), "something else").unwrap();
     let (code, _, stderr) = run(folder.path(), &resume);
     assert!(code == 2 && stderr.contains("robot-map/robot.journal: expected a robot's journal"), "{stderr}");
+    // Nothing is there: said once, and given up.
+    let started = std::time::Instant::now();
+    let (code, _, stderr) = run(folder.path(), &["attach", "--port", "no-port", "--lrf", "hokuyo", "--out", "none"]);
+    assert!(code == 1 && (9.0..20.0).contains(&started.elapsed().as_secs_f64()), "{code} {stderr}");
+    assert_eq!(stderr.matches("trying again").count(), 1, "{stderr}");
+    assert!(stderr.contains("given up after 10 s (--wait waits as long as it takes)"), "{stderr}");
+    assert!(!stderr.contains("no-port: no-port"), "{stderr}");
     let (code, _, stderr) = run(folder.path(), &["attach", "--port", "x", "--lrf", "ld06"]);
     assert!(code == 2 && stderr.contains("hokuyo"), "{stderr}");
     let set = ["attach", "--port", "x", "--lrf", "hokuyo", "--set", "report.sweep_distance_m=-1"];

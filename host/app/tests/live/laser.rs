@@ -128,7 +128,7 @@ fn a_run_is_recorded_and_replays_to_the_same_bytes() {
     let found = stderr.lines().find(|line| line.starts_with("found a Hokuyo URG-04LX-UG01")).expect(&stderr);
     assert!(found.ends_with("; the same without searching: --lrf hokuyo"), "{found}");
 
-    let replay = ["replay", "map/laser.rec", "--fast", "--scans", "30", "--out"];
+    let replay = ["replay", "map", "--fast", "--scans", "30", "--out"];
     let (code, _, stderr) = run(folder.path(), &[&replay[..], &["again"]].concat());
     assert_eq!(code, 0, "{stderr}");
     let path = |name: &str| fs::read(folder.path().join(name).join("trajectory.tum")).unwrap();

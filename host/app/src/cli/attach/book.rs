@@ -1,0 +1,253 @@
+//! What a host knows of the robot it is attached to.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration as WallDuration, Instant as WallInstant};
+
+use anyhow::anyhow;
+use lrfslam_robot::wire::message::{FromRobot, Status};
+
+use super::super::Failure;
+use super::super::laser::say;
+use super::super::summary::summary;
+use super::AttachArgs;
+use crate::config::{RobotRun, RunConfig};
+use lrfslam_host::output::ResultFolder;
+use lrfslam_host::plural::count;
+use lrfslam_host::results::report::Ending;
+use lrfslam_host::robot::{JOURNAL, LinkEvent, RobotEvent, Told};
+
+/// From one line about the robot to the next.
+const TELL_EVERY: WallDuration = WallDuration::from_secs(2);
+/// A robot that is not there is waited for so long, unless the user says otherwise.
+const GIVE_UP: WallDuration = WallDuration::from_secs(10);
+
+/// What is heard, life after life of the robot.
+pub(super) struct Book<'a> {
+    args: &'a AttachArgs,
+    config: &'a RunConfig,
+    pub(super) run: Option<RobotRun>,
+    /// Claimed for the first life.
+    folder: Option<ResultFolder>,
+    /// That of the first life.
+    first: Option<PathBuf>,
+    /// Number of the robot's life that `run` is about, from 1.
+    pub(super) life: u32,
+    pub(super) messages: u64,
+    /// Robots still to come before the one that is meant: with --restart, what the one that is there says is of no interest.
+    robots_to_come: u32,
+    told_at: WallInstant,
+    is_lost: bool,
+    /// What is wrong with the port.
+    trouble: Option<String>,
+    pub(super) damaged_frames: u32,
+    /// The robot does not work for this host.
+    pub(super) is_refused: bool,
+    pub(super) fault: Option<anyhow::Error>,
+    /// Of one of its lives there are results.
+    pub(super) has_results: bool,
+}
+
+/// DIR, DIR-2, DIR-3 …
+fn lives(out: &Path) -> impl Iterator<Item = PathBuf> {
+    let numbered = |life: u32| {
+        let mut name = out.as_os_str().to_owned();
+        name.push(format!("-{life}"));
+        PathBuf::from(name)
+    };
+    std::iter::once(out.to_owned()).chain((2..).map(numbered))
+}
+
+/// Of these the last that has a journal, and which life it is.
+fn last_life(out: &Path) -> Option<(u32, PathBuf)> {
+    let there = (1..).zip(lives(out)).take_while(|(_, folder)| folder.exists());
+    there.filter(|(_, folder)| ResultFolder::last_grown(folder, JOURNAL).is_some()).last()
+}
+
+impl<'a> Book<'a> {
+    pub(super) fn open(args: &'a AttachArgs, config: &'a RunConfig) -> Result<Self, Failure> {
+        let (mut folder, mut run, mut life) = (None, None, 0);
+        match args.out.named().filter(|_| args.resume) {
+            Some(out) => {
+                let none = || anyhow!("{}: nothing to resume, there is no {JOURNAL}", out.display());
+                let (last, place) = last_life(out).ok_or_else(none).map_err(Failure::Start)?;
+                let stored = ResultFolder::go_on(&place, JOURNAL)
+                    .and_then(|stored| RobotRun::resume(stored, config.robot_setup(), args.seed.seed));
+                (run, life) = (Some(stored.map_err(Failure::Start)?), last);
+            }
+            None => folder = Some(args.out.folder("robot")?),
+        }
+        Ok(Self {
+            args,
+            config,
+            run,
+            folder,
+            first: args.out.named().map(Path::to_owned),
+            life,
+            messages: 0,
+            robots_to_come: if args.restart { 2 } else { 0 },
+            told_at: WallInstant::now(),
+            is_lost: false,
+            trouble: None,
+            damaged_frames: 0,
+            is_refused: false,
+            fault: None,
+            has_results: false,
+        })
+    }
+
+    fn say(&self, text: &str) {
+        self.args.tell.say(text);
+    }
+
+    pub(super) fn take(&mut self, event: LinkEvent<'_>) {
+        match event {
+            LinkEvent::Open => {
+                (self.is_lost, self.trouble) = (false, None);
+                self.say(&format!("{} is open", self.args.port));
+            }
+            LinkEvent::Gone(error) => {
+                let (port, mut why) = (self.args.port.to_string(), error.to_string());
+                if !why.starts_with(&port) {
+                    why = format!("{port}: {why}");
+                }
+                if !self.is_lost {
+                    self.say(&format!("{why}; trying again"));
+                }
+                (self.is_lost, self.trouble) = (true, Some(why));
+            }
+            LinkEvent::Robot(RobotEvent::NewRobot) => {
+                self.robots_to_come = self.robots_to_come.saturating_sub(1);
+                self.say("a robot is there");
+            }
+            LinkEvent::Robot(RobotEvent::Message(_)) if self.robots_to_come > 0 => {}
+            LinkEvent::Robot(RobotEvent::Status(status)) => {
+                self.run.iter_mut().for_each(|run| run.set_status(&status));
+            }
+            LinkEvent::Robot(RobotEvent::Foreign(why)) => self.fail(why.into()),
+            LinkEvent::Robot(RobotEvent::Message(told)) => self.take_told(&told),
+            LinkEvent::Robot(RobotEvent::Recall(recall)) => {
+                self.run.iter().for_each(|run| recall.answer(run.map().to_give_back()));
+            }
+        }
+    }
+
+    pub(super) fn give_up_if_none_is_there(&mut self, started: WallInstant) {
+        if self.messages == 0 && self.run.is_none() && !self.args.wait && started.elapsed() > GIVE_UP {
+            let why = self.trouble.take().unwrap_or_else(|| format!("{}: no robot answers", self.args.port));
+            self.fail(anyhow!("{why}; given up after {} s (--wait waits as long as it takes)", GIVE_UP.as_secs()));
+        }
+    }
+
+    /// The first fault ends the run.
+    pub(super) fn fail(&mut self, fault: anyhow::Error) {
+        self.fault.get_or_insert(fault);
+    }
+
+    fn take_told(&mut self, told: &Told<'_>) {
+        self.messages += 1;
+        let known = self.run.as_ref().and_then(RobotRun::progress);
+        if known.is_none_or(|known| known.epoch != told.at.epoch) {
+            self.begin_life();
+        }
+        let stored = self.run.as_mut().map_or(Ok(()), |run| run.take(told));
+        stored.unwrap_or_else(|fault| self.fail(fault));
+        match told.message() {
+            Some(FromRobot::Identity(identity)) => {
+                let state = if identity.is_configured { "mapping already" } else { "waiting" };
+                self.say(&format!(
+                    "{}: {state}, memory for {}",
+                    identity.board,
+                    count(identity.capacities.particles.into(), "particle")
+                ));
+            }
+            Some(FromRobot::Said(words)) => self.say(words),
+            Some(FromRobot::Refused(reason)) => {
+                self.is_refused = true;
+                self.fail(anyhow!("the robot refuses: {reason}"));
+            }
+            _ => {}
+        }
+    }
+
+    /// A robot that was not there before: what is known of the last one is written, and a new folder begun.
+    fn begin_life(&mut self) {
+        if self.run.is_some() {
+            self.say("the robot has started anew");
+            self.close(Ending::Failed, Some(&anyhow!("the robot started anew")));
+        }
+        self.life += 1;
+        let opened = self
+            .next_folder()
+            .and_then(|folder| RobotRun::open(folder, self.config.robot_setup(), self.args.seed.seed));
+        match opened {
+            Ok(run) => self.run = Some(run),
+            Err(fault) => self.fail(fault),
+        }
+    }
+
+    /// The one claimed at the start, later the first that is not there.
+    fn next_folder(&mut self) -> anyhow::Result<ResultFolder> {
+        if let Some(folder) = self.folder.take() {
+            self.first.get_or_insert(folder.named().to_owned());
+            return Ok(folder);
+        }
+        let first = self.first.clone().unwrap_or_default();
+        let place = lives(&first).find(|place| !place.exists()).unwrap_or_default();
+        ResultFolder::claim(&place, false)
+    }
+
+    /// Writes what is known of the robot's life; a fault makes any ending a failure.
+    pub(super) fn close(&mut self, ending: Ending, why: Option<&anyhow::Error>) {
+        let Some(mut run) = self.run.take() else { return };
+        // Without a scan what was there before stays; a robot that is left mapping is resumed by the journal.
+        if run.map().scans().is_empty() {
+            if !self.args.keep_running && !self.args.resume {
+                run.forget();
+            }
+            return;
+        }
+        self.has_results = true;
+        let why = why.or(self.fault.as_ref());
+        let ending = if why.is_some() { Ending::Failed } else { ending };
+        let port = self.args.port.to_string();
+        let done = run.save((&port, self.damaged_frames), ending, why).and_then(|report| {
+            let printed = self.args.tell.print(&report, || summary(&report, run.folder().named()));
+            printed.map_err(|_| anyhow!("standard output cannot be written"))
+        });
+        done.unwrap_or_else(|fault| self.fail(fault));
+    }
+
+    pub(super) fn save_if_due(&mut self) {
+        let is_due = |run: &&mut RobotRun| !run.map().scans().is_empty() && run.folder().is_due(self.args.save.every());
+        let Some(run) = self.run.as_mut().filter(is_due) else { return };
+        let port = self.args.port.to_string();
+        let saved = run.save((&port, self.damaged_frames), Ending::Running, None);
+        run.folder().news(&saved).iter().for_each(|news| say(news));
+    }
+
+    pub(super) fn is_enough(&self) -> bool {
+        let Some(run) = &self.run else { return self.fault.is_some() };
+        let scans = run.map().scans();
+        let ends = scans.first().zip(scans.last());
+        let seconds = ends.map_or(0.0, |(first, last)| last.stamp.since(first.stamp).micros as f64 * 1e-6);
+        self.fault.is_some() || self.args.end.is_reached(scans.len(), seconds)
+    }
+
+    pub(super) fn tell_now_and_then(&mut self) {
+        let Some(run) = self.run.as_ref().filter(|_| self.told_at.elapsed() >= TELL_EVERY) else { return };
+        self.told_at = WallInstant::now();
+        let Status { map_from_robot, scans, particles, tiles, .. } = run.status();
+        let closures =
+            run.high_counts().map_or(String::new(), |high| format!(", {} closed", count(high.closures, "loop")));
+        self.say(&format!(
+            "{}, {} here; robot at {:.2} m, {:.2} m, {:.0}°; {} in {}{closures}",
+            count(u64::from(*scans), "scan"),
+            run.map().scans().len(),
+            map_from_robot.x,
+            map_from_robot.y,
+            map_from_robot.heading.to_degrees(),
+            count(u64::from(*particles), "particle"),
+            count(u64::from(*tiles), "tile"),
+        ));
+    }
+}
