@@ -54,7 +54,7 @@ pub(super) struct AttachArgs {
     /// Leave the robot mapping at the end, for another attach.
     #[arg(long)]
     keep_running: bool,
-    /// Wait for the robot as long as it takes.
+    /// Wait as long as it takes for what is to be at the port.
     ///
     /// Otherwise it is given up if none is there within 10 s. One that was there is always waited for.
     #[arg(long)]

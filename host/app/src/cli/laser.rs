@@ -62,7 +62,7 @@ pub(super) struct LaserArgs {
     /// Known delay of the link, subtracted from every time stamp, milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     latency: f64,
-    /// Wait for the laser as long as it takes.
+    /// Wait as long as it takes for what is to be at the port.
     ///
     /// Otherwise a port that cannot be opened is given up after 10 s, and so is a laser that does not answer; before that it is
     /// found out whether another one is there, up to 20 s in all, and a SICK, which boots for 15 s, is asked for 10 s more. One
