@@ -60,7 +60,15 @@ impl Submap {
         }
         // A square that was hit once only may be a passer-by.
         let often = voxels.into_values().filter(|(_, count)| *count > 1.0);
-        Self { points: often.map(|(sum, count)| sum * (1.0 / count)).collect(), squares }
+        let points = often.map(|(sum, count)| sum * (1.0 / count)).collect();
+        Self { points, squares }.without_movers()
+    }
+
+    /// What other scans looked through was there for a moment only: people, doors, poses gone wrong.
+    fn without_movers(self) -> Self {
+        let stands = |point: &Point2| self.has_wall_near(CellIndex::containing(*point, SQUARE_M), SAME_SQUARES);
+        let points = self.points.iter().copied().filter(stands).collect();
+        Self { points, squares: self.squares }
     }
 
     /// Its points, spread evenly.
