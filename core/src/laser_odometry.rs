@@ -13,6 +13,12 @@ use crate::scan::RangeScan;
 use crate::sweep::{Sweep, SweepMotion};
 use crate::time::{Duration, Instant};
 
+mod sight;
+mod walls;
+mod witnesses;
+
+use self::sight::Sight;
+
 crate::config_choice! {
     /// What a scan is matched against.
     pub enum Reference {
@@ -34,6 +40,8 @@ crate::config! {
         /// Corrects each beam for the robot's motion during the sweep, where the scan tells the beams' times. The pose is then
         /// that of the middle of the sweep.
         deskew: bool = true;
+        /// Earlier scans that are asked whether a hit stands where nothing was: what moves stays out of the whole map. 0: all is map.
+        witnesses: u16 = 4, in 0..=16;
     }
 }
 
@@ -51,8 +59,16 @@ const FOUND_SHARE: f32 = 0.6;
 const FOUND_BETTER: f32 = 1.2;
 /// While lost the reference is left alone, for this many scans at most: chosen.
 const PATIENCE_SCANS: u16 = 10;
+/// Score per point that the first scans are measured by: chosen.
+const SCORE_FIRST: f32 = 0.5;
 /// Share of a scan's score per point in the usual one: it follows over about ten scans.
 const SCORE_SHARE: f32 = 0.1;
+/// The search box and the prior are those of scans so far apart, s; with the time between scans they grow as a random walk does.
+const INTERVAL_S: f32 = 0.25;
+/// Longer gaps count as this long, s.
+const INTERVAL_MAX_S: f32 = 4.0;
+/// Share of an interval in the mean of the last ones.
+const INTERVAL_SHARE: f32 = 0.05;
 /// A step that turns more than this, rad, is not expected again.
 const STEADY_RAD: f32 = 0.5;
 /// A step is stretched by the time that has passed, from so many …
@@ -63,10 +79,10 @@ const STRETCH_MAX: f32 = 4.0;
 const STRETCH_BETTER: f32 = 0.1;
 
 impl OdometryConfig {
-    /// Key scans that are removed again, for which there must be memory.
+    /// Scans that are kept, to be removed again or as witnesses, for which there must be memory.
     pub fn key_scans(&self) -> usize {
         match self.reference {
-            Reference::WholeMap => 0,
+            Reference::WholeMap => usize::from(self.witnesses),
             Reference::PreviousScan => 1,
             Reference::RecentScans => RECENT_SCANS,
         }
@@ -105,16 +121,18 @@ pub struct OdometryMemory<'m> {
     pub points: &'m mut [Point2],
     /// Hits of one scan.
     pub hits: &'m mut [Point2],
-    /// Key scans to be removed again: any number of scans, each as long as `points`. Unused with the whole map.
+    /// Scans that are kept: [`OdometryConfig::key_scans`], each as long as `points`.
     pub key_points: &'m mut [Point2],
     /// One for each of these scans.
     pub key_scans: &'m mut [KeyScan],
 }
 
-/// A scan in the reference that will be removed again.
+/// A scan that is kept: it will be removed from the reference again, or is a witness.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct KeyScan {
     map_from_robot: Pose2,
+    /// Where the laser was, robot frame.
+    eye: Point2,
     count: usize,
 }
 
@@ -129,8 +147,10 @@ pub struct OdometryReport {
     pub points: usize,
     /// True if this scan went into the reference.
     pub is_key: bool,
-    /// True if the scan agrees too little with the reference for the pose to be believed.
+    /// True if the scan agrees too little with the reference for the pose to be believed, or shows nothing.
     pub is_lost: bool,
+    /// True if the scan shows nothing: the laser is covered, or its scans are frozen.
+    pub is_blind: bool,
     /// What the reference could not keep.
     pub inserted: InsertReport,
     /// How the robot was taken to move during the sweep.
@@ -150,14 +170,19 @@ pub struct LaserOdometry<'m> {
     key_points: &'m mut [Point2],
     key_scans: &'m mut [KeyScan],
     key_count: usize,
+    /// Scans that rays were looked along of.
+    turn: u32,
     map_from_robot: Pose2,
     map_from_key: Pose2,
     velocity: Pose2,
     last_stamp: Option<Instant>,
     last_interval: Duration,
+    /// From scan to scan in the mean, s.
+    usual_interval_s: f32,
     score_per_point: f32,
     scans: u32,
     lost_scans: u16,
+    sight: Sight,
 }
 
 impl<'m> LaserOdometry<'m> {
@@ -176,14 +201,17 @@ impl<'m> LaserOdometry<'m> {
             key_points: memory.key_points,
             key_scans: memory.key_scans,
             key_count: 0,
+            turn: 0,
             map_from_robot: Pose2::IDENTITY,
             map_from_key: Pose2::IDENTITY,
             velocity: Pose2::IDENTITY,
             last_stamp: None,
             last_interval: Duration::ZERO,
-            score_per_point: 0.5,
+            usual_interval_s: 0.0,
+            score_per_point: SCORE_FIRST,
             scans: 0,
             lost_scans: 0,
+            sight: Sight::default(),
         })
     }
 
@@ -210,7 +238,7 @@ impl<'m> LaserOdometry<'m> {
     /// For a high level that has corrected the map.
     pub fn restart_at(&mut self, map_from_robot: Pose2) {
         self.ndt.clear();
-        self.key_count = 0;
+        (self.key_count, self.turn) = (0, 0);
         self.key_scans.fill(KeyScan::default());
         self.map_from_robot = map_from_robot;
         self.map_from_key = map_from_robot;
@@ -222,7 +250,10 @@ impl<'m> LaserOdometry<'m> {
     /// [`PointCapacityError`] if the scan has more points than the memory lent; nothing has changed then.
     pub fn refer_to(&mut self, sweep: &Sweep<'_>, map_from_scan: Pose2) -> Result<u32, PointCapacityError> {
         let hits = filter::hits(sweep, self.hits)?;
-        Ok(self.ndt.insert(hits, map_from_scan).dropped)
+        let points = filter::thin(&self.config.filter, hits, self.points)?.len();
+        let hits = hits.len();
+        let hits = self.keep_standing(map_from_scan, hits);
+        Ok(self.extend_map(map_from_scan, sweep.robot_from_lrf.position(), (points, hits)).dropped)
     }
 
     /// Cells of the reference that count now stay as they are; see [`NdtGrid::freeze`]. For a robot in a map that shall not change.
@@ -248,10 +279,18 @@ impl<'m> LaserOdometry<'m> {
         let hits = filter::hits(&Sweep { scan: *scan, robot_from_lrf, motion }, self.hits)?;
         let count = filter::thin(&self.config.filter, hits, self.points)?.len();
         let hits = hits.len();
+        if self.sight.is_blind(scan, self.hits.get(..hits).unwrap_or_default(), robot_from_lrf.position()) {
+            return Ok(self.blind_step(scan, count, motion));
+        }
         let predicted = self.map_from_robot * displacement.unwrap_or_else(|| self.expected_step(scan, count));
         let first = self.ndt.tiles_used() == 0;
-        let prediction = Prediction { map_from_robot: predicted, score_expected: self.score_per_point * count as f32 };
+        if first {
+            (self.scans, self.score_per_point) = (0, SCORE_FIRST);
+        }
+        let score_expected = self.score_per_point * count as f32;
+        let prediction = Prediction { map_from_robot: predicted, score_expected, spread: self.spread(scan.stamp) };
         let matched = self.find(count, &prediction);
+        let hits = self.keep_standing(matched.map_from_robot, hits);
         let is_lost = !first && matched.score_per_point < self.config.recovery.lost_share * self.score_per_point;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
         let map_from_robot = if first { self.map_from_robot } else { matched.map_from_robot };
@@ -259,7 +298,9 @@ impl<'m> LaserOdometry<'m> {
         let is_settling = self.scans < SETTLING_SCANS;
         self.scans = self.scans.saturating_add(1);
         let is_key = is_settling || (is_trusted && self.is_key(map_from_robot));
-        let inserted = if is_key { self.extend(map_from_robot, hits) } else { InsertReport::default() };
+        let robot_from_lrf = robot_from_lrf.position();
+        let inserted =
+            if is_key { self.extend(map_from_robot, robot_from_lrf, (count, hits)) } else { InsertReport::default() };
         let step = self.map_from_robot.between(map_from_robot);
         self.velocity = if is_lost || step.heading.abs() > STEADY_RAD { Pose2::IDENTITY } else { step };
         self.map_from_robot = map_from_robot;
@@ -275,9 +316,27 @@ impl<'m> LaserOdometry<'m> {
             points: count,
             is_key,
             is_lost,
+            is_blind: false,
             inserted,
             motion,
         })
+    }
+
+    /// A step by a scan that shows nothing: the robot is where it was, as far as anybody knows.
+    fn blind_step(&mut self, scan: &RangeScan<'_>, points: usize, motion: SweepMotion) -> OdometryReport {
+        self.velocity = Pose2::IDENTITY;
+        self.last_interval = self.last_stamp.map_or(Duration::ZERO, |last| scan.stamp.since(last));
+        self.last_stamp = Some(scan.stamp);
+        OdometryReport {
+            matched: Match::none(self.map_from_robot),
+            predicted: self.map_from_robot,
+            points,
+            is_key: false,
+            is_lost: true,
+            is_blind: true,
+            inserted: InsertReport::default(),
+            motion,
+        }
     }
 
     /// The last step again, unless the scan agrees clearly better with a step in proportion to the time that has passed.
@@ -300,6 +359,16 @@ impl<'m> LaserOdometry<'m> {
         } else {
             self.velocity
         }
+    }
+
+    /// How much farther than usual the robot may be from where it is expected at `stamp`: the slower the scans, the farther. Stamps may
+    /// come in bursts, so their mean distance counts as well.
+    fn spread(&mut self, stamp: Instant) -> f32 {
+        let Some(last) = self.last_stamp else { return 1.0 };
+        let interval_s = stamp.since(last).as_secs_f32().clamp(0.0, INTERVAL_MAX_S);
+        let share = INTERVAL_SHARE.max(1.0 / self.scans.max(1) as f32);
+        self.usual_interval_s += share * (interval_s - self.usual_interval_s);
+        libm::sqrtf((interval_s.max(self.usual_interval_s) / INTERVAL_S).max(1.0))
     }
 
     /// How the robot is expected to move while `scan` is taken: at the speed of the last step.
@@ -332,31 +401,73 @@ impl<'m> LaserOdometry<'m> {
         if is_found && wide.score > FOUND_BETTER * matched.score { wide } else { matched }
     }
 
+    /// Brings the hits that stand still to the front of all, and returns how many these are.
+    fn keep_standing(&mut self, map_from_robot: Pose2, hits: usize) -> usize {
+        if self.config.odometry.reference != Reference::WholeMap {
+            return hits;
+        }
+        let hits = self.hits.get_mut(..hits).unwrap_or_default();
+        witnesses::keep_standing(hits, map_from_robot, self.key_scans, self.key_points)
+    }
+
     fn is_key(&self, map_from_robot: Pose2) -> bool {
         let step = self.map_from_key.between(map_from_robot);
         step.position().norm() >= KEY_DISTANCE_M || step.heading.abs() >= KEY_ROTATION_DEG.to_radians()
     }
 
     /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.
-    fn extend(&mut self, map_from_robot: Pose2, count: usize) -> InsertReport {
+    fn extend(&mut self, map_from_robot: Pose2, eye: Point2, (points, hits): (usize, usize)) -> InsertReport {
         self.map_from_key = map_from_robot;
-        let Self { ndt, hits: points, key_points, key_scans, .. } = self;
-        let points = points.get(..count).unwrap_or_default();
-        let slots = self.config.odometry.key_scans().min(key_scans.len());
-        if slots > 0 {
-            let slot = self.key_count % slots;
-            self.key_count += 1;
-            let room = key_points.len() / key_scans.len();
-            if let (Some(key), Some(memory)) = (key_scans.get_mut(slot), key_points.chunks_mut(room.max(1)).nth(slot)) {
-                ndt.remove(memory.get(..key.count).unwrap_or_default(), key.map_from_robot);
-                *key = KeyScan { map_from_robot, count: count.min(memory.len()) };
-                for (to, from) in memory.iter_mut().zip(points) {
-                    *to = *from;
-                }
-            }
+        if self.config.odometry.reference == Reference::WholeMap {
+            return self.extend_map(map_from_robot, eye, (points, hits));
         }
-        ndt.insert(points, map_from_robot)
+        let hits = self.hits.get(..hits).unwrap_or_default();
+        let Self { ndt, key_points, key_scans, .. } = self;
+        if let Some((key, memory)) = next_slot(key_scans, key_points, &mut self.key_count) {
+            ndt.remove(memory.get(..key.count).unwrap_or_default(), key.map_from_robot);
+            key.keep(memory, hits, map_from_robot, eye);
+        }
+        ndt.insert(hits, map_from_robot)
     }
+
+    /// The same for the whole map: what moves is not map.
+    fn extend_map(&mut self, map_from_robot: Pose2, eye: Point2, (points, hits): (usize, usize)) -> InsertReport {
+        let points = self.points.get(..points).unwrap_or_default();
+        let hits = self.hits.get(..hits).unwrap_or_default();
+        let Self { ndt, key_points, key_scans, .. } = self;
+        ndt.look_through(hits, eye, map_from_robot, self.turn);
+        self.turn = self.turn.wrapping_add(1);
+        let newest = self.key_count.checked_sub(1).and_then(|index| key_scans.get(index % key_scans.len().max(1)));
+        let is_due = newest.is_none_or(|newest| witnesses::is_due(newest.map_from_robot.between(map_from_robot)));
+        if is_due && let Some((witness, memory)) = next_slot(key_scans, key_points, &mut self.key_count) {
+            witness.keep(memory, points, map_from_robot, eye);
+        }
+        let inserted = ndt.insert(hits, map_from_robot);
+        walls::between(hits, |wall| {
+            ndt.insert(wall, map_from_robot);
+        });
+        inserted
+    }
+}
+
+impl KeyScan {
+    /// Becomes the scan with these `points`, as far as there is `memory` for them.
+    fn keep(&mut self, memory: &mut [Point2], points: &[Point2], map_from_robot: Pose2, eye: Point2) {
+        *self = Self { map_from_robot, eye, count: points.len().min(memory.len()) };
+        memory.iter_mut().zip(points).for_each(|(to, from)| *to = *from);
+    }
+}
+
+/// The place of the oldest scan that is kept, with the memory for its points; `None` if none is kept.
+fn next_slot<'s>(
+    scans: &'s mut [KeyScan],
+    points: &'s mut [Point2],
+    count: &mut usize,
+) -> Option<(&'s mut KeyScan, &'s mut [Point2])> {
+    let room = points.len().checked_div(scans.len())?;
+    let slot = *count % scans.len();
+    *count += 1;
+    Some((scans.get_mut(slot)?, points.chunks_mut(room.max(1)).nth(slot)?))
 }
 
 #[cfg(test)]

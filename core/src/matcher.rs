@@ -88,6 +88,18 @@ crate::config! {
     }
 }
 
+impl SearchConfig {
+    /// The box `times` as large, all the way round at most.
+    fn wider(&self, times: f32) -> Self {
+        Self {
+            backward_m: times * self.backward_m,
+            forward_m: times * self.forward_m,
+            lateral_m: times * self.lateral_m,
+            rotation_deg: (times * self.rotation_deg).min(180.0),
+        }
+    }
+}
+
 /// Where a scan was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
@@ -112,6 +124,23 @@ pub struct Match {
     pub undetermined: Option<Point2>,
 }
 
+impl Match {
+    /// No match: nothing is known about the robot but that it was last at `map_from_robot`.
+    pub(crate) fn none(map_from_robot: Pose2) -> Self {
+        Self {
+            map_from_robot,
+            score: 0.0,
+            score_per_point: 0.0,
+            fitness: 0.0,
+            generations: 0,
+            converged: false,
+            covariance: Matrix3::from_diagonal_element(NOTHING_KNOWN),
+            constraint: 0.0,
+            undetermined: None,
+        }
+    }
+}
+
 /// What a scan is matched from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prediction {
@@ -119,6 +148,8 @@ pub struct Prediction {
     pub map_from_robot: Pose2,
     /// A of eq. (4.43): the score that a perfect match of this many points would reach.
     pub score_expected: f32,
+    /// The robot may be so many times as far from there as the configuration says.
+    pub spread: f32,
 }
 
 /// How a place is searched for.
@@ -152,8 +183,8 @@ impl<'m> ScanMatcher<'m> {
         prediction: &Prediction,
         rng: &mut impl Rng,
     ) -> Match {
-        let prior = Prior::new(&self.config, prediction.map_from_robot);
-        let (search, de) = (self.search, self.de);
+        let prior = Prior::new(&self.config, prediction);
+        let (search, de) = (self.search.wider(prediction.spread), self.de);
         let effort = Effort { search, de, points: self.config.search_points };
         self.search_and_polish(&effort, &Objective::new(ndt, points, prior), prediction, rng)
     }
@@ -173,7 +204,8 @@ impl<'m> ScanMatcher<'m> {
             forward_m: LOST_DISTANCE_M,
             lateral_m: LOST_DISTANCE_M,
             rotation_deg: LOST_ROTATION_DEG,
-        };
+        }
+        .wider(prediction.spread);
         let de = DeConfig { population: recovery.population, generations: recovery.generations, ..self.de };
         let effort = Effort { search, de, points: recovery.search_points };
         self.search_and_polish(&effort, &Objective::new(ndt, points, prior), prediction, rng)
@@ -207,7 +239,7 @@ impl<'m> ScanMatcher<'m> {
 
     /// Newton from the prediction alone, without the search: what scan matching is without DE.
     pub fn align_locally(&self, ndt: &NdtGrid<'_>, points: &[Point2], prediction: &Prediction) -> Pose2 {
-        let prior = Prior::new(&self.config, prediction.map_from_robot);
+        let prior = Prior::new(&self.config, prediction);
         Objective::new(ndt, points, prior).climb(prediction.map_from_robot, LOCAL_STEPS).pose
     }
 

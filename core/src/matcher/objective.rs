@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::MatcherConfig;
+use super::{MatcherConfig, Prediction};
 use crate::geometry::{Point2, Pose2};
 use crate::math::wrap_angle;
 use crate::ndt::{Linearisation, NdtGrid};
@@ -17,10 +17,11 @@ pub(super) struct Prior {
 }
 
 impl Prior {
-    pub(super) fn new(config: &MatcherConfig, predicted: Pose2) -> Self {
-        let inverse_square = |sigma: f32| if sigma > 0.0 { 1.0 / (sigma * sigma) } else { 0.0 };
+    pub(super) fn new(config: &MatcherConfig, prediction: &Prediction) -> Self {
+        let times = prediction.spread;
+        let inverse_square = |sigma: f32| if sigma > 0.0 { 1.0 / (times * times * sigma * sigma) } else { 0.0 };
         Self {
-            predicted,
+            predicted: prediction.map_from_robot,
             position: inverse_square(config.prior_position_m),
             heading: inverse_square(config.prior_heading_deg.to_radians()),
         }

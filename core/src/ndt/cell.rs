@@ -16,6 +16,8 @@ const MINUS_HALF_LOG2_E: f32 = -0.5 * core::f32::consts::LOG2_E;
 pub(super) const POINTS_MIN: u16 = 3;
 /// Points at which a cell's sums are halved, so that old evidence fades: 255 points half a cell from its centre would fill a sum.
 const COUNT_MAX: u16 = 240;
+/// What a ray that goes through a cell takes away: a point, and one of so many. Chosen.
+const WEAKEN_SHARE: u16 = 32;
 /// The smaller eigenvalue of a covariance is at least this share of the larger. Source: Biber & Straßer 2003.
 const EIGENVALUE_RATIO_MIN: f32 = 0.001;
 /// An axis of a distribution with this standard deviation, or less, says all about its direction that an axis can, m.
@@ -94,6 +96,18 @@ impl CellSums {
             for sum in [&mut self.xx, &mut self.xy, &mut self.yy] {
                 *sum = Int24::of(sum.get() / 2);
             }
+        }
+    }
+
+    /// Takes a share of the points away, one at least; mean and spread stay. A cell of [`COUNT_MAX`] points is gone after some 60 times.
+    pub(super) fn weaken(&mut self) {
+        let left = self.count.saturating_sub(1 + self.count / WEAKEN_SHARE);
+        let share = f32::from(left) / f32::from(self.count.max(1));
+        let part = |sum: i32| floor(sum as f32 * share + 0.5);
+        self.count = left;
+        (self.x, self.y) = (part(i32::from(self.x)) as i16, part(i32::from(self.y)) as i16);
+        for sum in [&mut self.xx, &mut self.xy, &mut self.yy] {
+            *sum = Int24::of(part(sum.get()));
         }
     }
 

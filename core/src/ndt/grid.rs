@@ -203,7 +203,18 @@ impl<'m> NdtGrid<'m> {
         let (u, v) = self.cell_coordinates(in_map, layer);
         let (column, row) = (floor(u), floor(v));
         let place = self.place(column, row, layer);
-        let index = if sign > 0 { self.tile_for(place, robot) } else { self.tile_at(place) };
+        if sign > 0 {
+            self.tile_for(place, robot);
+        }
+        self.change(place, |sums| {
+            sums.update(u - column as f32 - 0.5, v - row as f32 - 0.5, sign);
+            sums.fade();
+        })
+    }
+
+    /// Changes the sums of a cell, unless it is frozen; false if there is no tile for it. A tile left without points returns to the pool.
+    pub(super) fn change(&mut self, place: Place, change: impl FnOnce(&mut CellSums)) -> bool {
+        let index = self.tile_at(place);
         let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return false };
         let (Some(sums), Some(gaussian)) =
             (tile.sums.get_mut(place.cell as usize), tile.gaussians.get_mut(place.cell as usize))
@@ -213,8 +224,7 @@ impl<'m> NdtGrid<'m> {
         if sums.is_frozen() {
             return true;
         }
-        sums.update(u - column as f32 - 0.5, v - row as f32 - 0.5, sign);
-        sums.fade();
+        change(sums);
         *gaussian = sums.gaussian(&self.config);
         if tile.sums.iter().all(CellSums::is_empty) {
             self.give_back(place, index);

@@ -16,6 +16,7 @@
 
 mod cell;
 mod grid;
+mod look_through;
 mod score;
 
 pub(crate) use cell::SHARP_M;

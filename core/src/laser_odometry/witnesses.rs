@@ -1,0 +1,158 @@
+//! Earlier scans as witnesses: was a place free when they were taken?
+//!
+//! Who walks beside the robot stands where a moment ago nothing was. Such hits stay out of the reference, or it would
+//! hold the robot back. A scan is a star-shaped free space about the laser, bounded by its hits; a hit well inside the free
+//! space of two earlier scans, and near the border of none, moves; so does one that stands in the robot's frame where it stood for two
+//! of them, though the robot has moved. What stands still is soon seen by them too, and then it is map.
+
+use super::KeyScan;
+use crate::geometry::{Point2, Pose2};
+use crate::math::wrap_angle;
+
+/// A place nearer than this to what a witness saw is no longer free, m: more than errors of pose and range.
+const CLEARANCE_M: f32 = 0.3;
+/// Between two hits farther apart than this, rad, a witness has seen nothing: some beams of most lasers.
+const GAP_RAD: f32 = 0.06;
+/// Hits to each side of a place's bearing whose distance counts.
+const NEIGHBOURS: usize = 3;
+/// What the robot carries along, or what escorts it, is so near to where it was, as the robot sees it, m.
+const CARRIED_M: f32 = 0.1;
+/// So many witnesses must have seen a place free. Chosen.
+const WITNESSES_MIN: usize = 2;
+/// A witness is taken after so much travel, m …
+const APART_M: f32 = 0.5;
+/// … or so much rotation, degrees. Both chosen, so that who keeps up with the robot has left his place.
+const APART_DEG: f32 = 20.0;
+
+/// What a witness says of a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Testimony {
+    /// It was free.
+    Free,
+    /// Something was near.
+    Near,
+    /// Not seen.
+    None,
+}
+
+/// True if the robot has gone far enough since the last witness for another one.
+pub(super) fn is_due(step: Pose2) -> bool {
+    step.position().norm() >= APART_M || step.heading.abs() >= APART_DEG.to_radians()
+}
+
+/// Moves those of `points` (robot frame) that do not move to the front, in order; returns how many these are.
+///
+/// * `witnesses` — with the hits of each, robot frame, in beam order
+pub(super) fn keep_standing(
+    points: &mut [Point2],
+    map_from_robot: Pose2,
+    witnesses: &[KeyScan],
+    witness_points: &[Point2],
+) -> usize {
+    let room = witness_points.len().checked_div(witnesses.len()).unwrap_or(0).max(1);
+    let mut kept = 0;
+    for index in 0..points.len() {
+        let Some(point) = points.get(index).copied() else { break };
+        let place = map_from_robot.transform(point);
+        let moves = moves((place, point), witnesses.iter().zip(witness_points.chunks(room)));
+        if let Some(slot) = points.get_mut(kept).filter(|_| !moves) {
+            *slot = point;
+            kept += 1;
+        }
+    }
+    kept
+}
+
+/// * `place` — of a hit in the map, and as the robot sees it
+fn moves<'a>(
+    (place, in_robot): (Point2, Point2),
+    witnesses: impl Iterator<Item = (&'a KeyScan, &'a [Point2])>,
+) -> bool {
+    let (mut free, mut carried) = (0, 0);
+    for (witness, points) in witnesses {
+        let outline = Outline::new(witness, points.get(..witness.count).unwrap_or_default());
+        match outline.testimony(witness.map_from_robot.inverse().transform(place) - witness.eye) {
+            Testimony::Free => free += 1,
+            Testimony::Near => return false,
+            Testimony::None => {}
+        }
+        carried += usize::from(outline.is_on(in_robot - witness.eye));
+    }
+    free >= WITNESSES_MIN || carried >= WITNESSES_MIN
+}
+
+/// The hits of a scan as seen from its laser, and the lines between them.
+pub(super) struct Outline<'a> {
+    scan: &'a KeyScan,
+    points: &'a [Point2],
+    /// Bearing of the first one, rad.
+    start: f32,
+}
+
+impl<'a> Outline<'a> {
+    pub(super) fn new(scan: &'a KeyScan, points: &'a [Point2]) -> Self {
+        let start = points.first().map_or(0.0, |first| (*first - scan.eye).bearing_rad());
+        Self { scan, points, start }
+    }
+
+    /// Beams go round once, counter-clockwise, from the first one on.
+    fn turned(&self, point: Point2) -> f32 {
+        let angle = wrap_angle(point.bearing_rad() - self.start);
+        if angle < -1e-3 { angle + core::f32::consts::TAU } else { angle }
+    }
+
+    /// Index of the first hit behind the bearing of `place`.
+    fn after(&self, place: Point2) -> usize {
+        let bearing = self.turned(place);
+        self.points.partition_point(|point| self.turned(*point - self.scan.eye) <= bearing)
+    }
+
+    /// Neighbouring hits about index `after`, as seen from the laser, each with the index of its first one.
+    fn lines(&self, after: usize) -> impl Iterator<Item = (usize, Point2, Point2)> {
+        let first = after.saturating_sub(NEIGHBOURS);
+        let near = self.points.get(first..self.points.len().min(after + NEIGHBOURS)).unwrap_or_default();
+        near.windows(2).enumerate().filter_map(move |(index, pair)| {
+            let &[a, b] = pair else { return None };
+            Some((first + index, a - self.scan.eye, b - self.scan.eye))
+        })
+    }
+
+    /// True if a hit stood at `place`.
+    fn is_on(&self, place: Point2) -> bool {
+        self.lines(self.after(place)).any(|(_, a, b)| {
+            let is_seen = self.turned(b) - self.turned(a) <= GAP_RAD;
+            distance(place, a, if is_seen { b } else { a }) < CARRIED_M
+        })
+    }
+
+    /// What the scan says of `place`, as seen from its laser.
+    fn testimony(&self, place: Point2) -> Testimony {
+        let after = self.after(place);
+        let mut says = Testimony::None;
+        for (index, a, b) in self.lines(after) {
+            let is_seen = self.turned(b) - self.turned(a) <= GAP_RAD;
+            if distance(place, a, if is_seen { b } else { a }) < CLEARANCE_M || (place - b).norm() < CLEARANCE_M {
+                return Testimony::Near;
+            }
+            if index + 1 == after && is_seen && is_before(place, a, b) {
+                says = Testimony::Free;
+            }
+        }
+        says
+    }
+}
+
+/// Distance of a point from the line between `a` and `b`.
+fn distance(point: Point2, a: Point2, b: Point2) -> f32 {
+    let (line, to) = (b - a, point - a);
+    let length2 = line.x * line.x + line.y * line.y;
+    let share = if length2 > 0.0 { ((to.x * line.x + to.y * line.y) / length2).clamp(0.0, 1.0) } else { 0.0 };
+    (to - line * share).norm()
+}
+
+/// True if `point` is on the origin's side of the line through `a` and `b`.
+fn is_before(point: Point2, a: Point2, b: Point2) -> bool {
+    let line = b - a;
+    let side = |from: Point2| line.x * (from.y - a.y) - line.y * (from.x - a.x);
+    side(point) * side(Point2::default()) > 0.0
+}
