@@ -1,6 +1,6 @@
 //! A saved map as it is searched and tracked in.
 
-use lrfslam_core::geometry::{Point2, Pose2};
+use lrfslam_core::geometry::Pose2;
 
 use crate::mapping::high::{HighConfigs, HighSlam, SavedPathError};
 use crate::mapping::saved_map::SavedMap;
@@ -30,7 +30,7 @@ impl KnownMap {
         let high = saved.high_slam(config)?;
         let walls = Submap::new(high.placed_scans(WALLS_APART), high.scans(), config.closure.range_max_m);
         let grid = CorrelationGrid::new(walls.points());
-        let window = window_about(walls.points());
+        let window = SearchWindow::about(walls.points());
         Ok(Self { high, walls, grid, window })
     }
 
@@ -56,16 +56,4 @@ impl KnownMap {
     pub(super) fn search_space(&self) -> Option<(&CorrelationGrid, &SearchWindow)> {
         self.grid.as_ref().map(|grid| (grid, &self.window))
     }
-}
-
-/// All headings, and the square about `points`.
-fn window_about(points: &[Point2]) -> SearchWindow {
-    let (mut low, mut high) = (Point2::new(f32::MAX, f32::MAX), Point2::new(f32::MIN, f32::MIN));
-    for point in points {
-        low = Point2::new(low.x.min(point.x), low.y.min(point.y));
-        high = Point2::new(high.x.max(point.x), high.y.max(point.y));
-    }
-    let (centre, size) = ((low + high) * 0.5, high - low);
-    let distance_m = (0.5 * size.x.max(size.y)).max(0.0);
-    SearchWindow { centre: Pose2::new(centre.x, centre.y, 0.0), distance_m, heading_rad: std::f32::consts::PI }
 }

@@ -29,8 +29,10 @@ pub struct LowPose {
     pub map_from_robot: Pose2,
     /// Direction in that map about which the scene says nothing.
     pub undetermined: Option<Point2>,
-    /// The scan agrees too little with the map for the pose to be believed.
+    /// The scan agrees too little with the map for the pose to be believed, or shows nothing.
     pub is_lost: bool,
+    /// The scan shows nothing.
+    pub is_blind: bool,
 }
 
 /// What the low level is to go on with.
@@ -47,6 +49,8 @@ pub struct Correction {
 pub struct MatchCounts {
     /// Scans that agreed too little with the reference for their pose to be believed.
     pub lost_scans: u64,
+    /// Of these, scans that showed nothing: the laser was covered, or its scans frozen.
+    pub blind_scans: u64,
     /// Scans whose scene left an axis undetermined, e.g. a featureless corridor.
     pub undetermined_scans: u64,
     /// Scans that went into the reference.
@@ -65,6 +69,7 @@ impl MatchCounts {
     /// Counts a step.
     pub(crate) fn add(&mut self, step: &laser_odometry::OdometryReport) {
         self.lost_scans += u64::from(step.is_lost);
+        self.blind_scans += u64::from(step.is_blind);
         self.undetermined_scans += u64::from(step.matched.undetermined.is_some());
         self.key_scans += u64::from(step.is_key);
         self.generations += u64::from(step.matched.generations);

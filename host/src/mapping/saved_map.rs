@@ -22,7 +22,7 @@ pub const FILE_NAME: &str = "map.lrfslam";
 
 const MAGIC: [u8; 8] = *b"LRFSLAM\x1a";
 /// To be raised with every change of what is written, and with every key of the configuration that goes or is called otherwise.
-const VERSION: u16 = 3;
+const VERSION: u16 = 4;
 const HEADER: usize = 8 + 2 + 8 + 4;
 /// More than this is no map of ours, bytes unpacked: four days of driving.
 const UNPACKED_MAX: u64 = 1 << 32;
@@ -194,7 +194,7 @@ mod tests {
             let stamp = Instant::from_micros(200_000 * i64::from(i));
             let scan = RangeScan { stamp, range_max_m: 8.0, beams: &beams };
             let map_from_robot = Pose2::new(0.3 * i as f32, 0.0, 0.01 * i as f32);
-            let low = LowPose { map_from_robot, undetermined: None, is_lost: false };
+            let low = LowPose { map_from_robot, undetermined: None, is_lost: false, is_blind: false };
             high.add_scan(&Sweep::at_rest(scan, Pose2::new(0.1, 0.0, 0.0)), &low).unwrap();
         }
         SavedMap::new("[map]\ncell_size_m = 0.05\n".to_owned(), &high)

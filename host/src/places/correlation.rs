@@ -32,6 +32,20 @@ pub struct SearchWindow {
     pub heading_rad: f32,
 }
 
+impl SearchWindow {
+    /// All headings, and the square about `points`.
+    pub fn about(points: &[Point2]) -> Self {
+        let (mut low, mut high) = (Point2::new(f32::MAX, f32::MAX), Point2::new(f32::MIN, f32::MIN));
+        for point in points {
+            low = Point2::new(low.x.min(point.x), low.y.min(point.y));
+            high = Point2::new(high.x.max(point.x), high.y.max(point.y));
+        }
+        let (centre, size) = ((low + high) * 0.5, high - low);
+        let distance_m = (0.5 * size.x.max(size.y)).max(0.0);
+        Self { centre: Pose2::new(centre.x, centre.y, 0.0), distance_m, heading_rad: std::f32::consts::PI }
+    }
+}
+
 /// A pose and how well points fit there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Found {

@@ -51,7 +51,21 @@ struct Linear {
     by_to: Matrix3<f64>,
 }
 
+/// Information of a break: the two nodes may be anywhere. Not 0, or the graph could not be solved. Per m² and rad².
+const BREAK_INFORMATION: f64 = 1e-6;
+
 impl Edge {
+    /// Between two pieces of path of which nothing is known but which came first.
+    pub fn break_between(from: usize, to: usize) -> Self {
+        let information = Matrix3::from_diagonal_element(BREAK_INFORMATION);
+        Self { from, to, from_to: PoseF64::default(), information, is_closure: false }
+    }
+
+    /// True if it says nothing of where its nodes lie.
+    pub fn is_break(&self) -> bool {
+        !self.is_closure && self.information[(0, 0)] <= BREAK_INFORMATION
+    }
+
     fn linearise(&self, from: PoseF64, to: PoseF64) -> Linear {
         let (sin, cos) = from.heading.sin_cos();
         let (dx, dy) = (to.x - from.x, to.y - from.y);
@@ -93,6 +107,11 @@ impl PoseGraph {
         for (node, pose) in self.nodes.iter_mut().skip(1).zip(poses) {
             *node = *pose;
         }
+    }
+
+    /// Puts a node where somebody else says that it is.
+    pub fn put(&mut self, node: usize, pose: PoseF64) {
+        self.nodes[node] = pose;
     }
 
     /// All edges, in the order in which they were added.

@@ -5,6 +5,8 @@ use lrfslam_core::time::Instant;
 use serde::Serialize;
 
 use crate::mapping::LowPose;
+use crate::mapping::high::HighCounts;
+use crate::plural;
 use crate::trajectory::TimedPose;
 
 /// A path is measured from point to point so far apart, m: a robot that stands does not travel.
@@ -61,6 +63,8 @@ pub struct Quality {
     pub map_size_m: Option<[f64; 2]>,
     /// Loops closed; none at a level that closes none.
     pub loops_closed: Option<u64>,
+    /// Pieces of map that are not joined to it, and not in it.
+    pub pieces_apart: u64,
     /// Share of the scans that fit the map and determine every axis.
     pub matched_well: f64,
     /// Where scans agreed too little with the map to be believed.
@@ -75,18 +79,19 @@ impl Quality {
     /// What a run noticed whose scans agreed with the map like this, in their order.
     ///
     /// * `trajectory` — the pose of each of these scans
-    /// * `loops_closed` — none at a level that closes none
+    /// * `high` — what the level that closes loops did, if there is one
     pub fn of(
         fits: &[(Instant, Fit)],
         trajectory: &[TimedPose],
         map_size_m: Option<[f64; 2]>,
-        loops_closed: Option<u64>,
+        high: Option<&HighCounts>,
     ) -> Self {
         let well = fits.iter().filter(|(_, fit)| *fit == Fit::Well).count();
         let mut quality = Self {
             path_m: path_length_m(trajectory),
             map_size_m,
-            loops_closed,
+            loops_closed: high.map(|high| high.closures),
+            pieces_apart: high.map_or(0, |high| high.pieces_apart),
             matched_well: well as f64 / fits.len().max(1) as f64,
             lost: stretches(fits, trajectory, Fit::Lost),
             undetermined: stretches(fits, trajectory, Fit::Undetermined),
@@ -139,6 +144,11 @@ fn trust(quality: &Quality) -> String {
     let guessed_m: f64 = undetermined.iter().map(|stretch| stretch.path_m).filter(|m| *m > GUESSED_M).sum();
     if map_size_m.is_none() {
         "there is no map".to_owned()
+    } else if quality.pieces_apart > 0 {
+        format!(
+            "the map lacks {}: the robot was lost there, and has not come back to a place that it knows",
+            plural::count(quality.pieces_apart, "piece")
+        )
     } else if let Some(Stretch { from_s, to_s, scans, .. }) = lost {
         format!(
             "do not trust lengths across {from_s:.0} to {to_s:.0} s: {scans} scans fit nowhere, and what was mapped before and after may lie displaced"

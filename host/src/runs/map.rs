@@ -193,7 +193,12 @@ impl Run<'_, RobotMap> {
             Some(told) => Sweep { scan: told.scan(), robot_from_lrf, motion: told.motion },
             None => Sweep::at_rest(silent, robot_from_lrf),
         };
-        let low = LowPose { map_from_robot: pose.odometry, undetermined: pose.undetermined, is_lost: pose.is_lost };
+        let low = LowPose {
+            map_from_robot: pose.odometry,
+            undetermined: pose.undetermined,
+            is_lost: pose.is_lost,
+            is_blind: false,
+        };
         // To the robot's path every scan is a step.
         let (step, fit) = (self.places.len(), Fit::from(&low));
         let place = ScanPlace { stamp: pose.stamp, step, step_from_robot: Pose2::IDENTITY, fit };
@@ -258,6 +263,15 @@ impl<'m, L: LowLevel> Run<'m, L> {
         self.places.iter().map(pose).collect()
     }
 
+    /// Where the robot was at every scan whose pose is to be believed: it fits the map, and the map is not a piece apart.
+    fn trusted_trajectory(&self) -> Vec<TimedPose> {
+        if let Some(high) = &self.high {
+            return high.trajectory_with_trust().filter_map(|(pose, is_trusted)| is_trusted.then_some(pose)).collect();
+        }
+        let fits = self.places.iter().map(|place| place.fit);
+        self.trajectory().into_iter().zip(fits).filter_map(|(pose, fit)| (fit != Fit::Lost).then_some(pose)).collect()
+    }
+
     /// What the high level did so far, if there is one.
     pub fn high_counts(&self) -> Option<HighCounts> {
         self.high.as_ref().map(HighSlam::counts)
@@ -272,5 +286,5 @@ impl<'m, L: LowLevel> Run<'m, L> {
 /// What the high level goes by: laser odometry, which the particles have corrected, without their jumps from one to the other.
 fn low_pose(step: &laser_odometry::OdometryReport) -> LowPose {
     let Match { map_from_robot, undetermined, .. } = step.matched;
-    LowPose { map_from_robot, undetermined, is_lost: step.is_lost }
+    LowPose { map_from_robot, undetermined, is_lost: step.is_lost, is_blind: step.is_blind }
 }

@@ -12,6 +12,7 @@
 //! `map` is the first pose. The low level's poses are taken relative to one another.
 
 mod particles;
+mod pieces;
 mod placing;
 mod saved;
 mod segment;
@@ -27,6 +28,7 @@ pub use particles::{HighParticles, filter_config};
 pub use saved::{SavedPath, SavedPathError};
 pub(crate) use segment::drift_variances;
 
+use self::pieces::Pieces;
 use self::placing::ReferenceState;
 use self::segment::{LowStep, Segment};
 use super::{Correction, LowPose};
@@ -71,6 +73,8 @@ pub struct HighCounts {
     pub closures_found: u64,
     /// Closures believed in the end: the others had none that agreed with them, or did not agree with the rest of the path.
     pub closures: u64,
+    /// Pieces of map that are not joined to it: where the robot was lost, and what it saw then has not been found again.
+    pub pieces_apart: u64,
     /// Farthest that a closure moved the robot, m.
     pub largest_move_m: f32,
     /// Scans kept.
@@ -88,6 +92,7 @@ pub struct HighSlam<'m> {
     segments: Vec<Segment>,
     open: Segment,
     graph: PoseGraph,
+    pieces: Pieces,
     closer: Closer,
     /// If these close loops, and not the graph.
     particles: Option<HighParticles<'m>>,
@@ -103,12 +108,14 @@ impl<'m> HighSlam<'m> {
     pub fn new(config: &HighConfigs, particles: Option<HighParticles<'m>>) -> Self {
         let mut graph = PoseGraph::default();
         graph.add_node(PoseF64::default());
+        let pieces = Pieces::of(&graph);
         Self {
             config: *config,
             scans: ScanStore::default(),
             segments: Vec::new(),
             open: Segment::empty(),
             graph,
+            pieces,
             closer: Closer::new(&config.ndt),
             particles,
             low: None,
@@ -136,11 +143,19 @@ impl<'m> HighSlam<'m> {
             scan: self.keep(sweep, start_from_robot, low.is_lost),
         };
         self.open.push(&step);
+        if self.has_pieces() && self.pieces.is_away(low) {
+            return Ok(Some(self.begin_piece()));
+        }
         if !self.open.is_complete() {
             return Ok(None);
         }
         self.complete_segment()?;
         Ok(if self.config.high.feedback { self.correction() } else { None })
+    }
+
+    /// True if a lost robot begins a new piece of map.
+    fn has_pieces(&self) -> bool {
+        self.config.high.feedback && self.config.closure.enabled && self.particles.is_none()
     }
 
     fn correction(&mut self) -> Option<Correction> {
@@ -179,8 +194,11 @@ impl<'m> HighSlam<'m> {
         self.close_segment();
         if let Some(particles) = &mut self.particles {
             self.graph.move_nodes(&particles.add(&self.segments[start], &self.scans)?);
-        } else if self.config.closure.enabled && self.close_loops(start) {
-            self.solve();
+        } else if self.config.closure.enabled {
+            let is_joined = self.has_pieces() && self.join_pieces(start);
+            if self.close_loops(start) || is_joined {
+                self.solve();
+            }
         }
         Ok(())
     }
@@ -196,6 +214,7 @@ impl<'m> HighSlam<'m> {
         let information = information.unwrap_or_else(|| Matrix3::from_diagonal_element(1.0));
         self.graph.add_edge(Edge { from: start, to: node, from_to: end, information, is_closure: false });
         self.segments.push(segment);
+        self.pieces.goes_on(start);
         self.counts.segments += 1;
     }
 
@@ -228,6 +247,6 @@ impl<'m> HighSlam<'m> {
     pub fn counts(&self) -> HighCounts {
         let closures = self.graph.edges().iter().filter(|edge| edge.is_closure).count() as u64;
         let (scans_kept, scan_bytes) = (self.scans.len() as u64, self.scans.memory_bytes() as u64);
-        HighCounts { closures, scans_kept, scan_bytes, ..self.counts }
+        HighCounts { closures, scans_kept, scan_bytes, pieces_apart: self.pieces_apart(), ..self.counts }
     }
 }

@@ -17,7 +17,7 @@ const SUBMAP_STEP_M: f32 = 0.2;
 /// … or so far turned, rad.
 const SUBMAP_STEP_RAD: f32 = 0.1;
 /// Travel of the latest path that is searched for, m: more is told apart better. Chosen.
-const QUERY_TRAVEL_M: f32 = 8.0;
+pub(super) const QUERY_TRAVEL_M: f32 = 8.0;
 /// Travel, before and after an older pose, of the path that is searched in, m. Chosen.
 const PLACE_TRAVEL_M: f32 = 10.0;
 /// Older path counts as older from so much travel on, m. Chosen.
@@ -84,14 +84,39 @@ impl HighSlam<'_> {
 
     /// Every scan's pose, as it is known now.
     pub fn trajectory(&self) -> impl Iterator<Item = TimedPose> {
-        let poses = (0..=self.segments.len()).flat_map(|k| self.placed(k));
-        poses.map(|(map_from_robot, pose)| TimedPose { stamp: pose.stamp, map_from_robot: map_from_robot.to_f32() })
+        self.trajectory_with_trust().map(|(pose, _)| pose)
+    }
+
+    /// The same, each with whether it is to be believed: the scan fits the map, and its piece is the map or joined to it.
+    pub fn trajectory_with_trust(&self) -> impl Iterator<Item = (TimedPose, bool)> {
+        let main = self.main_piece();
+        let poses = (0..=self.segments.len()).flat_map(move |k| {
+            let is_map = self.pieces.of_index(k) == main;
+            self.placed(k).map(move |(pose, of)| (pose, of, is_map && !of.is_lost))
+        });
+        poses.map(|(map_from_robot, pose, is_trusted)| {
+            (TimedPose { stamp: pose.stamp, map_from_robot: map_from_robot.to_f32() }, is_trusted)
+        })
+    }
+
+    /// Segments of a piece, the open one with them.
+    fn segments_of(&self, piece: usize) -> impl Iterator<Item = usize> {
+        (0..=self.segments.len()).filter(move |k| self.pieces.of_index(*k) == piece)
+    }
+
+    /// Its scans, where they are known to be now: those so far apart.
+    pub(super) fn scans_of_piece(
+        &self,
+        piece: usize,
+        (step_m, step_rad): (f32, f32),
+    ) -> impl Iterator<Item = (Pose2, u32)> {
+        apart(self.segments_of(piece).flat_map(|k| self.scans_of(k)), step_m, step_rad)
     }
 
     /// Draws the scans kept where they are known to be now.
     pub fn draw(&self, map: &mut OccupancyMap) {
         let mut beams = Vec::new();
-        for (map_from_robot, scan) in (0..=self.segments.len()).flat_map(|k| self.scans_of(k)) {
+        for (map_from_robot, scan) in self.segments_of(self.main_piece()).flat_map(|k| self.scans_of(k)) {
             if let Some(sweep) = self.scans.sweep(scan as usize, &mut beams) {
                 map.insert(&sweep, map_from_robot);
             }
@@ -99,8 +124,8 @@ impl HighSlam<'_> {
     }
 
     /// The scans kept, where they are known to be now: those that are so far from, m, or so far turned to, rad, the one before.
-    pub fn placed_scans(&self, (step_m, step_rad): (f32, f32)) -> impl Iterator<Item = (Pose2, u32)> {
-        apart((0..=self.segments.len()).flat_map(|k| self.scans_of(k)), step_m, step_rad)
+    pub fn placed_scans(&self, apart: (f32, f32)) -> impl Iterator<Item = (Pose2, u32)> {
+        self.scans_of_piece(self.main_piece(), apart)
     }
 
     fn scans_of(&self, k: usize) -> impl Iterator<Item = (Pose2, u32)> {
@@ -108,7 +133,7 @@ impl HighSlam<'_> {
     }
 
     /// The map of some segments about the node at the start of segment `node`, in that node's frame.
-    fn submap(&self, segments: std::ops::RangeInclusive<usize>, node: usize) -> Submap {
+    pub(super) fn submap(&self, segments: std::ops::RangeInclusive<usize>, node: usize) -> Submap {
         let node_from_map = self.graph.nodes()[node];
         let scans = segments
             .flat_map(|k| self.placed(k))
@@ -117,13 +142,14 @@ impl HighSlam<'_> {
         Submap::new(apart, &self.scans, self.config.closure.range_max_m)
     }
 
-    /// Segments around `k` with so much travel in each direction.
-    fn segments_about(&self, k: usize, before_m: f32, after_m: f32) -> std::ops::RangeInclusive<usize> {
+    /// Segments around `k`, of its piece, with so much travel in each direction.
+    pub(super) fn segments_about(&self, k: usize, before_m: f32, after_m: f32) -> std::ops::RangeInclusive<usize> {
+        let from = k;
         let going = |segments: &mut dyn Iterator<Item = usize>, travel_m: f32| {
             let mut left = travel_m;
             segments
                 .take_while(|&k| {
-                    let goes = left > 0.0;
+                    let goes = left > 0.0 && self.pieces.of_index(k) == self.pieces.of_index(from);
                     left -= self.segments[k].travel_m;
                     goes
                 })
@@ -141,7 +167,11 @@ impl HighSlam<'_> {
         let mut near = Vec::new();
         for older in (0..newer).rev() {
             travel_m += self.segments[older].travel_m;
-            let Some(reach) = reached[older].filter(|_| travel_m >= GAP_TRAVEL_M) else { continue };
+            let Some(reach) = reached[older]
+                .filter(|_| travel_m >= GAP_TRAVEL_M && self.pieces.of_index(older) == self.pieces.of_index(newer))
+            else {
+                continue;
+            };
             let distance = nodes[older].between(nodes[newer]).distance_m();
             if distance <= PLACES_APART_M + f64::from(Self::window_m(&reach)) {
                 near.push((distance, older, reach));

@@ -6,6 +6,7 @@ use lrfslam_core::time::Instant;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::pieces::Pieces;
 use super::placing::ReferenceState;
 use super::segment::{LowStep, Segment, SegmentPose};
 use super::{HighConfigs, HighSlam};
@@ -45,6 +46,7 @@ struct SavedPose {
     start_from_robot: Pose2,
     travel_m: f32,
     scan: Option<u32>,
+    is_lost: bool,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -121,6 +123,7 @@ impl HighSlam<'_> {
                 is_closure: edge.is_closure,
             });
         }
+        high.pieces = Pieces::of(&high.graph);
         high.segments = saved.segments.iter().map(Segment::from).collect();
         high.open = high.segments.pop().unwrap_or_else(Segment::empty);
         high.counts.segments = high.segments.len() as u64;
@@ -145,6 +148,7 @@ impl HighSlam<'_> {
         let (position, heading) = (START_SIGMA_M.powi(-2), START_SIGMA_RAD.powi(-2));
         let information = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
         self.graph.add_edge(Edge { from, to: node, from_to, information, is_closure: false });
+        self.pieces.goes_on(from);
         self.segments.push(Segment { start_from_end: end.between(start), ..Segment::empty() });
         self.kept = None;
         self.reference = ReferenceState::default();
@@ -186,6 +190,7 @@ impl SavedPath {
             start_from_robot: Pose2::new(f32::from(number), 0.5, -0.25),
             travel_m: 0.125 + f32::from(number),
             scan,
+            is_lost: scan.is_none(),
         };
         let segment = |number: i16, poses| SavedSegment {
             poses,
@@ -240,8 +245,8 @@ impl SavedSegment {
 impl From<&Segment> for SavedSegment {
     fn from(segment: &Segment) -> Self {
         let pose = |pose: &SegmentPose| {
-            let SegmentPose { stamp, start_from_robot, travel_m, scan } = *pose;
-            SavedPose { stamp, start_from_robot, travel_m, scan }
+            let SegmentPose { stamp, start_from_robot, travel_m, scan, is_lost } = *pose;
+            SavedPose { stamp, start_from_robot, travel_m, scan, is_lost }
         };
         Self {
             poses: segment.poses.iter().map(pose).collect(),
@@ -256,8 +261,8 @@ impl From<&Segment> for SavedSegment {
 impl From<&SavedSegment> for Segment {
     fn from(saved: &SavedSegment) -> Self {
         let pose_of = |of: &SavedPose| {
-            let SavedPose { stamp, start_from_robot, travel_m, scan } = *of;
-            SegmentPose { stamp, start_from_robot, travel_m, scan }
+            let SavedPose { stamp, start_from_robot, travel_m, scan, is_lost } = *of;
+            SegmentPose { stamp, start_from_robot, travel_m, scan, is_lost }
         };
         Self {
             poses: saved.poses.iter().map(pose_of).collect(),

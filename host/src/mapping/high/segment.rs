@@ -65,6 +65,8 @@ pub struct SegmentPose {
     pub travel_m: f32,
     /// Place of the scan among the stored ones, if it is stored.
     pub scan: Option<u32>,
+    /// The scan fits nowhere: the pose is a guess.
+    pub is_lost: bool,
 }
 
 /// A stretch of the low level's path; see the [module](self).
@@ -106,6 +108,7 @@ impl Segment {
             start_from_robot: self.start_from_end.to_f32(),
             travel_m: self.travel_m,
             scan: step.scan,
+            is_lost: step.is_lost,
         });
     }
 

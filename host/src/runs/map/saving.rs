@@ -66,9 +66,9 @@ impl<L: LowLevel> Run<'_, L> {
         }
         let size_m = raster.map(|raster| [raster.width, raster.height].map(|side| side as f64 * raster.pixel_size_m));
         let fits: Vec<_> = self.places.iter().map(|place| (place.stamp, place.fit)).collect();
-        let quality = Quality::of(&fits, &trajectory, size_m, self.high_counts().map(|high| high.closures));
+        let quality = Quality::of(&fits, &trajectory, size_m, self.high_counts().as_ref());
         self.steps.write(&folder.join("steps.csv"))?;
-        write_trajectory(&folder.join("trajectory.tum"), &trajectory)?;
+        write_trajectory(&folder.join("trajectory.tum"), &self.trusted_trajectory())?;
         saved.write(folder).with_context(|| cannot_write(&folder.join(saved_map::FILE_NAME)))?;
         self.working += started.elapsed();
         let report = self.report(about, quality);

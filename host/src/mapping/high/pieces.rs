@@ -1,0 +1,177 @@
+//! Pieces of map: what the robot mapped before and after it was carried away, blind, or lost, until it knows where the one lies in the other.
+//!
+//! Scans that fit nowhere, one after the other → the robot is lost → it goes on in a new piece, with an empty map → after each segment the
+//! piece's latest way is searched for in the other pieces, over all positions and headings, as strictly as loops are closed → two
+//! searches that agree join the pieces. Until then neither is drawn over the other: the map is the first large piece.
+
+use lrfslam_core::geometry::{Point2, Pose2};
+
+use super::HighSlam;
+use super::placing::{QUERY_TRAVEL_M, ReferenceState};
+use super::segment::Segment;
+use crate::mapping::{Correction, LowPose};
+use crate::places::closing::{Closure, Effort};
+use crate::places::correlation::{CorrelationGrid, SearchWindow};
+use crate::places::pose_graph::{Edge, PoseGraph};
+use crate::places::submap::Submap;
+use crate::pose_f64::PoseF64;
+
+/// So many scans in a row fit nowhere, and the robot is lost: two seconds of most lasers. Chosen.
+const LOST_SCANS: usize = 10;
+/// A piece of less travel is not searched in, m.
+const PLACE_TRAVEL_MIN_M: f32 = 4.0;
+/// Pieces that are searched in, the longest ones.
+const PLACES_MAX: usize = 3;
+/// The map is the first piece that is at least this share of the longest one.
+const MAP_SHARE: f32 = 0.2;
+/// Scans so far apart, m, or so far turned, rad, tell where the walls are.
+const WALLS_APART: (f32, f32) = (0.2, 0.1);
+/// How a piece is searched for among others; as a robot is in a saved map.
+const EFFORT: Effort = Effort { likelihood_min: 0.5, points: 200, second_share_max: 0.85 };
+
+/// Which piece every node belongs to, and whether the robot is about to begin another one.
+#[derive(Debug, Default)]
+pub(super) struct Pieces {
+    of_node: Vec<usize>,
+    /// Scans in a row that fit nowhere.
+    lost_scans: usize,
+}
+
+impl Pieces {
+    /// Those of a graph: breaks lead from one to the other.
+    pub(super) fn of(graph: &PoseGraph) -> Self {
+        let mut of_node: Vec<usize> = (0..graph.nodes().len()).collect();
+        for edge in graph.edges().iter().filter(|edge| !edge.is_break()) {
+            let (keep, go) = (of_node[edge.from].min(of_node[edge.to]), of_node[edge.from].max(of_node[edge.to]));
+            of_node.iter_mut().filter(|piece| **piece == go).for_each(|piece| *piece = keep);
+        }
+        Self { of_node, lost_scans: 0 }
+    }
+
+    /// The piece that node or segment `index` belongs to.
+    pub(super) fn of_index(&self, index: usize) -> usize {
+        self.of_node[index]
+    }
+
+    /// The next node belongs to the piece of node `like`.
+    pub(super) fn goes_on(&mut self, like: usize) {
+        self.of_node.push(self.of_node[like]);
+    }
+
+    fn begin(&mut self) {
+        self.of_node.push(self.of_node.len());
+        self.lost_scans = 0;
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        let (keep, go) = (a.min(b), a.max(b));
+        self.of_node.iter_mut().filter(|piece| **piece == go).for_each(|piece| *piece = keep);
+    }
+
+    /// True if the scan is one too many that fits nowhere. Scans that show nothing do not count: what comes after them may fit.
+    pub(super) fn is_away(&mut self, low: &LowPose) -> bool {
+        match (low.is_lost, low.is_blind) {
+            (false, _) => self.lost_scans = 0,
+            (true, false) => self.lost_scans += 1,
+            (true, true) => {}
+        }
+        self.lost_scans >= LOST_SCANS
+    }
+}
+
+impl HighSlam<'_> {
+    /// The robot may be anywhere: it goes on with an empty map.
+    pub(super) fn begin_piece(&mut self) -> Correction {
+        if !self.open.poses.is_empty() {
+            self.close_segment();
+        }
+        let end = self.segments.len();
+        let pose = self.graph.nodes()[end];
+        let node = self.graph.add_node(pose);
+        self.graph.add_edge(Edge::break_between(end, node));
+        self.segments.push(Segment::empty());
+        self.pieces.begin();
+        self.kept = None;
+        self.reference = ReferenceState::default();
+        Correction { map_from_robot: pose.to_f32(), reference: Vec::new() }
+    }
+
+    /// Travel of every piece with any, the longest first.
+    fn piece_lengths(&self) -> Vec<(usize, f32)> {
+        let mut lengths = std::collections::BTreeMap::<usize, f32>::new();
+        for (k, segment) in self.segments.iter().chain([&self.open]).enumerate() {
+            *lengths.entry(self.pieces.of_index(k)).or_default() += segment.travel_m;
+        }
+        let mut lengths: Vec<_> = lengths.into_iter().collect();
+        lengths.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        lengths
+    }
+
+    /// The piece that is the map.
+    pub(super) fn main_piece(&self) -> usize {
+        let lengths = self.piece_lengths();
+        let longest = lengths.first().map_or(0.0, |(_, length)| *length);
+        lengths.iter().filter(|(_, length)| *length >= MAP_SHARE * longest).map(|(piece, _)| *piece).min().unwrap_or(0)
+    }
+
+    /// Pieces that are not joined to the map.
+    pub(super) fn pieces_apart(&self) -> u64 {
+        self.piece_lengths().len() as u64 - 1
+    }
+
+    /// Searches the way that ends with segment `newer` in the other pieces; true if two of them are one now.
+    pub(super) fn join_pieces(&mut self, newer: usize) -> bool {
+        let own = self.pieces.of_index(newer);
+        let lengths = self.piece_lengths();
+        let others = lengths.iter().filter(|(piece, length)| *piece != own && *length >= PLACE_TRAVEL_MIN_M);
+        let others: Vec<usize> = others.take(PLACES_MAX).map(|(piece, _)| *piece).collect();
+        if others.is_empty() {
+            return false;
+        }
+        let query = self.submap(self.segments_about(newer, QUERY_TRAVEL_M - self.segments[newer].travel_m, 0.0), newer);
+        for other in others {
+            let Some(closure) = self.find_piece(&query, newer, other) else { continue };
+            self.counts.closures_found += 1;
+            let found = self.closer.confirmed(closure, self.graph.nodes());
+            if !found.is_empty() {
+                self.bring_together(&closure);
+                found.iter().for_each(|closure| self.graph.add_edge(closure.edge()));
+                self.pieces.join(own, other);
+                return true;
+            }
+        }
+        false
+    }
+
+    fn find_piece(&mut self, query: &Submap, newer: usize, other: usize) -> Option<Closure> {
+        let walls = Submap::new(self.scans_of_piece(other, WALLS_APART), &self.scans, self.config.closure.range_max_m);
+        let grid = CorrelationGrid::new(walls.points())?;
+        let window = SearchWindow::about(walls.points());
+        let found = self.closer.find_on(&grid, query, &walls, &window, EFFORT)?;
+        let there = PoseF64::from(found.pose);
+        let nodes = self.graph.nodes();
+        let distance = |node: &usize| nodes[*node].between(there).distance_m();
+        let of_other = (0..nodes.len()).filter(|node| self.pieces.of_index(*node) == other);
+        let older = of_other.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+        let turned = Pose2::new(0.0, 0.0, -nodes[older].to_f32().heading);
+        let weak_axis: Option<Point2> = found.weak_axis.map(|axis| turned.transform(axis));
+        let moves_m = nodes[newer].between(there).distance_m() as f32;
+        // However near it is: nothing tied the two before.
+        let moves_m = moves_m.max(f32::from(u8::MAX));
+        Some(Closure { older, newer, older_from_newer: nodes[older].between(there), moves_m, weak_axis })
+    }
+
+    /// Puts the later one of the two pieces where the closure says.
+    fn bring_together(&mut self, closure: &Closure) {
+        let nodes = self.graph.nodes();
+        let there = nodes[closure.older].then(closure.older_from_newer);
+        let (here, own) = (nodes[closure.newer], self.pieces.of_index(closure.newer));
+        let other = self.pieces.of_index(closure.older);
+        // The first pose of the map stays.
+        let (moving, from, to) = if own > other { (own, here, there) } else { (other, there, here) };
+        for node in (0..nodes.len()).filter(|node| self.pieces.of_index(*node) == moving) {
+            let pose = to.then(from.between(self.graph.nodes()[node]));
+            self.graph.put(node, pose);
+        }
+    }
+}
