@@ -6,7 +6,7 @@ use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::cable::{Cable, resample};
 use lrfslam_firmware_sim::fault::{FaultLink, FaultPlan};
 use lrfslam_firmware_sim::virtual_lrf::{Emission, VirtualLrf};
-use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};
+use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, run_input};
 
 use crate::oracle::{Seen, published};
 
@@ -240,13 +240,7 @@ impl<'d> Rig<'d> {
     fn give(&mut self, input: Input<'_>) {
         let mut outputs = Vec::new();
         let mut sink = |output: Output<'_>| outputs.push(Owned::from(output));
-        self.deadline = match input {
-            Input::Bytes(bytes) => run_bytes(self.driver.as_mut(), self.now, bytes, &mut sink),
-            input => {
-                let _ = self.driver.handle_input(self.now, input);
-                drain(self.driver.as_mut(), &mut sink)
-            }
-        };
+        self.deadline = run_input(self.driver.as_mut(), self.now, input, &mut sink);
         outputs.into_iter().for_each(|output| self.act(output));
     }
 

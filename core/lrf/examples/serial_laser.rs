@@ -7,7 +7,7 @@ use std::error::Error;
 use std::io::ErrorKind;
 use std::time::{Duration as Wait, Instant as Clock};
 
-use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};
+use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, run_input};
 use lrfslam_lrf::hokuyo_scip::driver as hokuyo;
 use lrfslam_lrf::hokuyo_scip::{HokuyoConfig, HokuyoDriver};
 use lrfslam_lrf::scan::{Beam, Echo, RangeScan};
@@ -58,11 +58,7 @@ fn read(driver: &mut dyn LrfDriver, port: &mut dyn SerialPort, scans: u32) -> Re
             failed = failed.take().or(done.err());
         };
         deadline = match input.take() {
-            Some(Input::Bytes(bytes)) => run_bytes(driver, now(), bytes, &mut act),
-            Some(input) => {
-                let _ = driver.handle_input(now(), input);
-                drain(driver, &mut act)
-            }
+            Some(input) => run_input(driver, now(), input, &mut act),
             None => deadline,
         };
         failed.map_or(Ok(()), Err)?;
