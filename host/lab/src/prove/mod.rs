@@ -20,7 +20,7 @@ pub use plan::{Column, Group, Metric, Other, Plan, PlanError, Preparation, Row, 
 pub use results::{Measured, Origin, Outcome, Results};
 pub use shell::{Fault, Places, Shell};
 
-use lrfslam_host::output::write_file;
+use lrfslam_host::output::save_file;
 
 /// Seeds of a row with `--quick`.
 const QUICK_SEEDS: u64 = 2;
@@ -125,8 +125,7 @@ impl<'a> Proof<'a> {
     fn save(&self) -> anyhow::Result<()> {
         let text = page(self.plan, &self.results, &self.notes, &self.origin);
         for (name, bytes) in [("measured.json", self.results.to_json(self.plan)?), ("measured.md", text)] {
-            let path = self.folder.join(name);
-            write_file(&path, bytes.as_bytes()).with_context(|| format!("{}: cannot be written", path.display()))?;
+            save_file(&self.folder.join(name), bytes.as_bytes())?;
         }
         Ok(())
     }

@@ -12,6 +12,8 @@ mod scan;
 use std::io;
 use std::path::Path;
 
+use anyhow::Context as _;
+
 pub use self::cloud::{CloudView, cloud_png};
 pub use self::scan::scan_png;
 
@@ -19,7 +21,7 @@ use self::canvas::{Canvas, Rgb};
 use self::legend::draw_legend;
 use crate::maps::colours::colour_at;
 use crate::maps::occupancy::{Occupancy, Raster};
-use crate::output::write_file;
+use crate::output::{cannot_write, save_file};
 use crate::plural::count;
 use crate::trajectory::TimedPose;
 
@@ -54,8 +56,13 @@ pub struct PictureNotes<'a> {
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn write_picture(target: &Path, raster: &Raster, poses: &[TimedPose], notes: &PictureNotes<'_>) -> io::Result<()> {
-    write_file(target, &png(raster, poses, notes)?)
+pub fn write_picture(
+    target: &Path,
+    raster: &Raster,
+    poses: &[TimedPose],
+    notes: &PictureNotes<'_>,
+) -> anyhow::Result<()> {
+    save_file(target, &png(raster, poses, notes).with_context(|| cannot_write(target))?)
 }
 
 /// The picture as the bytes of a PNG file.
