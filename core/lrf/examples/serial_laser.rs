@@ -18,9 +18,7 @@ use serialport::SerialPort;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [path, family, rest @ ..] = &arguments[..] else {
-        return Err("expected a port and `sick` or `hokuyo`".into());
-    };
+    let [path, family, rest @ ..] = &arguments[..] else { return Err("expected a port and `sick` or `hokuyo`".into()) };
     let scans = rest.first().map_or(Ok(u32::MAX), |count| count.parse())?;
     let mut port = serialport::new(path, 9600).timeout(Wait::from_millis(20)).open()?;
     let (mut bytes, mut beams) = ([0; hokuyo::FRAME_MEMORY], [Beam::BLANK; hokuyo::BEAM_MEMORY]);

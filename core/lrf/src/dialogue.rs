@@ -45,9 +45,7 @@ pub(super) struct DialogueBase<Ask> {
 impl<Ask: Copy + PartialEq> DialogueBase<Ask> {
     /// The next output; `scan` lends the scan that was announced.
     pub(super) fn poll_output<'a>(&'a mut self, scan: impl FnOnce() -> RangeScan<'a>) -> Output<'a> {
-        let Some(pending) = self.outbox.pop() else {
-            return Output::Timeout(self.patience.deadline);
-        };
+        let Some(pending) = self.outbox.pop() else { return Output::Timeout(self.patience.deadline) };
         Output::Event(match pending {
             Pending::Transmit(bytes) => return Output::Transmit(self.outbox.lend(bytes)),
             Pending::SetBaud(rate) => return Output::SetBaud(rate),

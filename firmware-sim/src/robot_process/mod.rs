@@ -124,8 +124,6 @@ struct Lines<'s> {
     host_at: Instant,
     to_host: FaultLink,
     from_host: FaultLink,
-    laser_generation: u32,
-    host_generation: u32,
     is_restart: bool,
     longest_us: u32,
 }
@@ -147,8 +145,6 @@ impl<'s> Lines<'s> {
             host_at: Instant::default(),
             to_host: FaultLink::new(chance, seed),
             from_host: FaultLink::new(chance, seed ^ 0x5EED),
-            laser_generation: 0,
-            host_generation: 0,
             is_restart: false,
             longest_us: 0,
         };
@@ -158,26 +154,19 @@ impl<'s> Lines<'s> {
                 say(&format!("listening at {}", listener.local_addr().unwrap_or(*address)));
                 port::accept(listener, lines.sender.clone(), stop.clone(), Event::Connection);
             }
-            HostLine::Serial(path, baud) => lines.plug_host(Port::serial(path, *baud)?),
-            HostLine::Terminal(path) => lines.plug_host(Port::terminal(path)?),
+            HostLine::Serial(path, baud) => lines.host = lines.plug(Port::serial(path, *baud)?, Event::Host),
+            HostLine::Terminal(path) => lines.host = lines.plug(Port::terminal(path)?, Event::Host),
         }
         Ok(lines)
     }
 
-    fn plug_host(&mut self, port: Port) {
+    /// Listens to `port`, as the newest of its kind.
+    fn plug(&mut self, mut port: Port, event: fn(u32, News) -> Event) -> Option<Port> {
         self.generation += 1;
-        let generation = self.generation;
-        port.listen(self.clock, self.sender.clone(), move |news| Event::Host(generation, news));
-        self.host_generation = generation;
-        self.host = Some(port);
-    }
-
-    fn plug_laser(&mut self, port: Port) {
-        self.generation += 1;
-        let generation = self.generation;
-        port.listen(self.clock, self.sender.clone(), move |news| Event::Laser(generation, news));
-        self.laser_generation = generation;
-        self.laser = Some(port);
+        port.generation = self.generation;
+        let generation = port.generation;
+        port.listen(self.clock, self.sender.clone(), move |news| event(generation, news));
+        Some(port)
     }
 
     /// One life of the robot: until `stop`, or until it wants to start anew.
@@ -222,7 +211,7 @@ impl<'s> Lines<'s> {
             self.laser_at = now + REOPEN;
             if let Ok(port) = Port::serial(&self.wiring.laser, FIRST_BAUD) {
                 (self.say)("the laser is plugged in");
-                self.plug_laser(port);
+                self.laser = self.plug(port, Event::Laser);
                 deadline = self.give(robot, now, Input::LaserConnected);
             }
         }
@@ -232,7 +221,7 @@ impl<'s> Lines<'s> {
         {
             self.host_at = now + REOPEN;
             if let Ok(port) = Port::serial(path, *baud) {
-                self.plug_host(port);
+                self.host = self.plug(port, Event::Host);
                 deadline = self.give(robot, now, Input::LinkConnected);
             }
         }
@@ -241,7 +230,7 @@ impl<'s> Lines<'s> {
 
     fn take(&mut self, robot: &mut Robot<'_>, event: Event, deadline: Instant) -> Instant {
         match event {
-            Event::Laser(generation, news) if generation == self.laser_generation => match news {
+            Event::Laser(generation, news) if is_of(&self.laser, generation) => match news {
                 News::Bytes(at, bytes) => self.give(robot, at, Input::LaserBytes(&bytes)),
                 News::Gone => {
                     (self.say)("the laser is unplugged");
@@ -249,7 +238,7 @@ impl<'s> Lines<'s> {
                     self.give(robot, self.clock.now(), Input::LaserDisconnected)
                 }
             },
-            Event::Host(generation, news) if generation == self.host_generation => match news {
+            Event::Host(generation, news) if is_of(&self.host, generation) => match news {
                 News::Bytes(at, bytes) => {
                     let bytes = self.from_host.pass(at, bytes);
                     self.give(robot, at, Input::LinkBytes(&bytes))
@@ -264,7 +253,7 @@ impl<'s> Lines<'s> {
                 let Ok(port) = Port::tcp(stream) else { return deadline };
                 (self.say)("a host is there");
                 self.give(robot, self.clock.now(), Input::LinkDisconnected);
-                self.plug_host(port);
+                self.host = self.plug(port, Event::Host);
                 self.give(robot, self.clock.now(), Input::LinkConnected)
             }
             Event::Laser(..) | Event::Host(..) => deadline,
@@ -278,6 +267,10 @@ impl<'s> Lines<'s> {
         self.longest_us = self.longest_us.max(u32::try_from(took).unwrap_or(u32::MAX));
         deadline
     }
+}
+
+fn is_of(port: &Option<Port>, generation: u32) -> bool {
+    port.as_ref().is_some_and(|port| port.generation == generation)
 }
 
 impl Ports for Lines<'_> {

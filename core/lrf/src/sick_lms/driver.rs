@@ -240,9 +240,7 @@ impl SickDriver<'_> {
 
 impl Dialogue<'_> {
     fn on_payload(&mut self, now: Instant, payload: &[u8]) {
-        let Some(reply) = Reply::parse(payload) else {
-            return self.refuse(now);
-        };
+        let Some(reply) = Reply::parse(payload) else { return self.refuse(now) };
         match self.base.state {
             State::Asking(ask) => self.on_reply(now, ask, &reply, payload.len()),
             State::Streaming => self.on_stream(now, &reply, payload.len()),

@@ -22,9 +22,7 @@ pub(super) fn run(args: &ManArgs) -> Result<(), Failure> {
     whole.build();
     let mut pages = Vec::new();
     add_pages(&whole, &mut pages).map_err(Failure::work)?;
-    let Some(folder) = &args.out else {
-        return pages.iter().try_for_each(|(_, page)| print(page));
-    };
+    let Some(folder) = &args.out else { return pages.iter().try_for_each(|(_, page)| print(page)) };
     let made = std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()));
     made.map_err(Failure::Start)?;
     for (name, page) in &pages {

@@ -36,9 +36,7 @@ impl Dialogue<'_> {
         if self.base.state != State::Streaming {
             self.begin_streaming(now);
         }
-        let Some(parameters) = &self.parameters else {
-            return;
-        };
+        let Some(parameters) = &self.parameters else { return };
         let Ok(header) = read_scan(reply, parameters, &self.acquire, self.memory.beams) else {
             return self.refuse(now);
         };

@@ -36,9 +36,7 @@ impl Dialogue<'_> {
         if let Some(variant) = Variant::with_values(measurement.len()).filter(|_| !self.variant_known) {
             self.variant = variant;
         }
-        let Some(layout) = self.layout() else {
-            return;
-        };
+        let Some(layout) = self.layout() else { return };
         let Ok(shape) = layout.read(measurement, self.memory.beams) else {
             return self.refuse(now);
         };
