@@ -14,7 +14,7 @@ use super::out::OutArgs;
 use super::shared::{ConfigArgs, SeedArgs, TellArgs};
 use lrfslam_host::maps::cloud::{
     Cloud, CloudCounts, CloudLook, EdgeFilter, Paint, PlaneConfig, Projection, RegisterConfig, StopReport,
-    TiltMounting, Track, judge_stops, middle_of_sweep, planar, read_stops, read_tilt, thin, write_cloud,
+    TiltMounting, Track, judge_stops, planar, read_stops, read_tilt, thin, write_cloud,
 };
 use lrfslam_host::maps::picture::CloudView;
 use lrfslam_host::output::save_json;
@@ -223,7 +223,7 @@ pub(super) fn from_log(
     let readings = read_tilt(tilt).map_err(Failure::start)?;
     let scans = read_scans(input, config.log_options()).map_err(Failure::Start)?;
     // A path made by `lrfslam map` has the pose of the middle of each sweep under the scan's time.
-    let middle = scans.first().map_or(Duration::ZERO, |scan| middle_of_sweep(&scan.scan()));
+    let middle = scans.first().map_or(Duration::ZERO, |scan| scan.scan().middle());
     let place = |pose: &TimedPose| world_from_map * planar(PoseF64::from(pose.map_from_robot));
     let path = poses.iter().map(|pose| (pose.stamp + middle, place(pose)));
     let gap = Duration::from_micros((args.gap * 1e6) as i64);

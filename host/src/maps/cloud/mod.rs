@@ -35,7 +35,7 @@ pub use paint::Paint;
 pub use pcd::write_pcd;
 pub use planes::{Plane, PlaneConfig, PlaneFit, find_planes, floor_of};
 pub use ply::write_ply;
-pub use projection::{Projection, TiltMounting, middle_of_sweep, planar};
+pub use projection::{Projection, TiltMounting, planar};
 pub use readings::read_tilt;
 pub use register::{RegisterConfig, level_from_lrf};
 pub use saving::{CloudLook, write_cloud};

@@ -1,7 +1,7 @@
 //! Beams of a tilted laser to points of the map: pose ⊕ mounting ⊕ tilt (thesis §3.3, §4.3.2).
 
 use lrfslam_core::scan::{Echo, RangeScan};
-use lrfslam_core::time::{Duration, Instant};
+use lrfslam_core::time::Instant;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::{Cloud, CloudPoint, EdgeFilter, Track};
@@ -27,14 +27,6 @@ impl TiltMounting {
     /// Pose of the laser on the robot when it looks up by `tilt_rad`.
     pub fn robot_from_lrf(&self, tilt_rad: f64) -> Isometry3<f64> {
         self.robot_from_axis * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -tilt_rad) * self.axis_from_lrf
-    }
-}
-
-/// From a scan's time, that of its first beam, to the middle of its sweep, of which a path has the pose.
-pub fn middle_of_sweep(scan: &RangeScan<'_>) -> Duration {
-    match (scan.beams.first(), scan.beams.last()) {
-        (Some(first), Some(last)) => Duration::from_micros(first.offset.micros.midpoint(last.offset.micros)),
-        _ => Duration::ZERO,
     }
 }
 

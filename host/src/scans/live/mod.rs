@@ -25,7 +25,7 @@ use crate::scans::recording::{RecordPlan, Recorder, RecordingEnd, RecordingHeade
 use replay::replay;
 use words::Words;
 
-pub use stream::ScanStream;
+pub use stream::{ScanStream, taken};
 
 /// How soon it is noticed that the user wants an end.
 pub(crate) const NOTICED_AFTER: Duration = Duration::from_millis(50);

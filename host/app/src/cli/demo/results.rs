@@ -13,8 +13,7 @@ use lrfslam_core::sweep::{Sweep, SweepMotion};
 use lrfslam_core::time::Duration;
 use lrfslam_firmware_sim::world::{Vector, World};
 use lrfslam_host::maps::cloud::{
-    Cloud, CloudLook, CloudPoint, EdgeFilter, Paint, Projection, TiltMounting, Track, middle_of_sweep, planar, thin,
-    write_cloud,
+    Cloud, CloudLook, CloudPoint, EdgeFilter, Paint, Projection, TiltMounting, Track, planar, thin, write_cloud,
 };
 use lrfslam_host::maps::occupancy::OccupancyMap;
 use lrfslam_host::maps::picture::{CloudView, PictureNotes, write_picture};
@@ -22,12 +21,13 @@ use lrfslam_host::output::{save_by, save_file};
 use lrfslam_host::plural::count;
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::results::report::Source;
+use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::{TimedPose, by_time, read_trajectory};
 use lrfslam_lab::evaluation::{Statistics, alignment, evaluate_in_frame};
 use nalgebra::Isometry3;
 
 use super::robot::SimulatedRobot;
-use super::session::{DriveRecord, KeptScan};
+use super::session::DriveRecord;
 use super::verdict::{Errors, verdict};
 
 /// Poses belong together if their stamps are the same, to the microsecond that is written.
@@ -84,10 +84,10 @@ fn share_within(distances: &[f64], limit_m: f64) -> f64 {
     distances.iter().filter(|distance| **distance <= limit_m).count() as f64 / distances.len().max(1) as f64
 }
 
-fn truth(robot: &SimulatedRobot, scans: &[KeptScan]) -> Vec<TimedPose> {
+fn truth(robot: &SimulatedRobot, scans: &[LogScan]) -> Vec<TimedPose> {
     let pose = |scan: RangeScan<'_>| TimedPose {
         stamp: scan.stamp,
-        map_from_robot: robot.pose(scan.stamp + middle_of_sweep(&scan)).to_f32(),
+        map_from_robot: robot.pose(scan.stamp + scan.middle()).to_f32(),
     };
     let in_order_of_scans: Vec<TimedPose> = scans.iter().map(|kept| pose(kept.scan())).collect();
     by_time(&in_order_of_scans)
@@ -126,7 +126,7 @@ fn write_path_picture(
 }
 
 fn cloud(robot: &SimulatedRobot, drive: &DriveRecord, path: &[TimedPose]) -> Cloud {
-    let middle = drive.level.first().map_or(Duration::ZERO, |kept| middle_of_sweep(&kept.scan()));
+    let middle = drive.level.first().map_or(Duration::ZERO, |kept| kept.scan().middle());
     // Path, tilt and scans meet on the drive's clock.
     let poses =
         path.iter().map(|pose| (robot.drive_time(pose.stamp) + middle, planar(PoseF64::from(pose.map_from_robot))));
@@ -138,7 +138,8 @@ fn cloud(robot: &SimulatedRobot, drive: &DriveRecord, path: &[TimedPose]) -> Clo
     let projection = Projection { mounting, path, tilt, edges: Some(EdgeFilter::default()) };
     let mut cloud = Cloud::default();
     for kept in &drive.tilted {
-        projection.add(&kept.stamped(robot.drive_time(kept.scan().stamp)), &mut cloud);
+        let scan = RangeScan { stamp: robot.drive_time(kept.stamp), ..kept.scan() };
+        projection.add(&scan, &mut cloud);
     }
     cloud
 }
@@ -204,6 +205,6 @@ mod tests {
         let beam = |micros| Beam { bearing_rad: 0.0, offset: Duration::from_micros(micros), echo: Echo::Miss };
         let beams = [beam(0), beam(400), beam(1000)];
         let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
-        assert_eq!(middle_of_sweep(&scan), Duration::from_micros(500));
+        assert_eq!(scan.middle(), Duration::from_micros(500));
     }
 }
