@@ -17,7 +17,7 @@ use std::time::Duration as WallDuration;
 use anyhow::{Context as _, Result};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_robot::wire::message::Health;
-use lrfslam_robot::{Input, Ports, Robot, RobotMemory, RobotPools};
+use lrfslam_robot::{Input, Pools, Ports, Robot, RobotMemory};
 
 use self::clock::Clock;
 use self::port::{News, Port};
@@ -45,34 +45,6 @@ pub struct Wiring {
     pub faults: (f32, u64),
 }
 
-/// Memory of a robot of any size.
-pub trait Memory: 'static {
-    /// Unused memory.
-    fn boxed() -> Box<Self>;
-    /// As slices.
-    fn lend(&mut self) -> RobotMemory<'_>;
-}
-
-impl<
-    const TILES: usize,
-    const WINDOW: usize,
-    const PARTICLES: usize,
-    const NODES: usize,
-    const BEAMS: usize,
-    const NDT_TILES: usize,
-    const NDT_PLACES: usize,
-    const QUEUE: usize,
-> Memory for RobotPools<TILES, WINDOW, PARTICLES, NODES, BEAMS, NDT_TILES, NDT_PLACES, QUEUE>
-{
-    fn boxed() -> Box<Self> {
-        Box::new(Self::EMPTY)
-    }
-
-    fn lend(&mut self) -> RobotMemory<'_> {
-        Self::lend(self)
-    }
-}
-
 /// A port that is not there is tried again after this time.
 const REOPEN: Duration = Duration::from_millis(300);
 /// Longest wait, so that a stop is noticed …
@@ -86,7 +58,7 @@ const FIRST_BAUD: u32 = 9600;
 ///
 /// # Errors
 /// If the host's line cannot be opened at the start.
-pub fn serve<M: Memory>(wiring: &Wiring, stop: &Arc<AtomicBool>, say: &(dyn Fn(&str) + Sync)) -> Result<()> {
+pub fn serve<M: Pools>(wiring: &Wiring, stop: &Arc<AtomicBool>, say: &(dyn Fn(&str) + Sync)) -> Result<()> {
     let mut lines = Lines::open(wiring, stop, say)?;
     // The pools pass over the stack once, on their way to the heap.
     let stack = 2 * size_of::<M>() + (4 << 20);
@@ -94,7 +66,8 @@ pub fn serve<M: Memory>(wiring: &Wiring, stop: &Arc<AtomicBool>, say: &(dyn Fn(&
         let robot = std::thread::Builder::new().name("robot".to_owned()).stack_size(stack);
         let robot = robot.spawn_scoped(scope, || {
             while !stop.load(Ordering::Relaxed) {
-                lines.run(M::boxed().lend(), stop);
+                let mut pools = Box::new(M::EMPTY);
+                lines.run(pools.lend(), stop);
                 say("the robot starts anew");
             }
         });
