@@ -16,15 +16,6 @@ pub struct SpeedLimits {
     pub angular_radps: f32,
 }
 
-/// How far a motion exceeds the limits; 1 is just at the limit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SpeedExcess {
-    /// Speed of the laser over the limit.
-    pub linear: f32,
-    /// Turn rate of the laser over the limit.
-    pub angular: f32,
-}
-
 impl SpeedLimits {
     /// Limits for scans that take `period` each, with at most `error_m` and `error_rad` of motion within one.
     ///
@@ -39,16 +30,12 @@ impl SpeedLimits {
         Self { linear_mps: error_m / seconds, angular_radps: error_rad / seconds }
     }
 
-    /// By how much the motion `displacement` *of the laser* in `dt` exceeds the limits; `None` if it does not, or if `dt` is not
-    /// positive.
-    pub fn exceeded_by(&self, displacement: Pose2, dt: Duration) -> Option<SpeedExcess> {
+    /// True if the motion `displacement` *of the laser* in `dt` exceeds the limits; never if `dt` is not positive.
+    pub fn are_exceeded_by(&self, displacement: Pose2, dt: Duration) -> bool {
         let seconds = dt.as_secs_f32();
-        if seconds <= 0.0 {
-            return None;
-        }
         let linear = displacement.position().norm() / seconds / self.linear_mps;
         let angular = displacement.heading.abs() / seconds / self.angular_radps;
-        (linear > 1.0 || angular > 1.0).then_some(SpeedExcess { linear, angular })
+        seconds > 0.0 && (linear > 1.0 || angular > 1.0)
     }
 }
 
@@ -87,10 +74,7 @@ impl<'a> Sweep<'a> {
     /// than v·ω·t²/2 (0.3 mm at 1 m/s, 1 rad/s, 25 ms). Without motion it is the identity.
     pub fn middle_from_beam(&self) -> impl Fn(&Beam) -> Pose2 + use<> {
         let Pose2 { x, y, heading } = self.robot_from_lrf.inverse() * self.motion.displacement * self.robot_from_lrf;
-        let middle = match (self.scan.beams.first(), self.scan.beams.last()) {
-            (Some(first), Some(last)) => Duration::from_micros(first.offset.micros.midpoint(last.offset.micros)),
-            _ => Duration::ZERO,
-        };
+        let middle = self.scan.middle();
         let seconds = self.motion.duration.as_secs_f32();
         let scale = if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
         move |beam| {
@@ -125,10 +109,10 @@ mod tests {
         let limits = SpeedLimits::new(Duration::from_micros(13_333), 0.005, 0.25_f32.to_radians());
         assert!((limits.linear_mps - 0.375).abs() < 1e-3 && (limits.angular_radps - 0.327).abs() < 1e-3);
         let second = Duration::from_millis(1000);
-        assert_eq!(limits.exceeded_by(Pose2::new(0.3, 0.0, 0.3), second), None);
-        let excess = limits.exceeded_by(Pose2::new(0.75, 0.0, 0.0), second).unwrap();
-        assert!((excess.linear - 2.0).abs() < 1e-3 && excess.angular == 0.0);
-        assert_eq!(limits.exceeded_by(Pose2::new(9.0, 0.0, 0.0), Duration::ZERO), None);
+        assert!(!limits.are_exceeded_by(Pose2::new(0.3, 0.0, 0.3), second));
+        assert!(limits.are_exceeded_by(Pose2::new(0.4, 0.0, 0.0), second));
+        assert!(limits.are_exceeded_by(Pose2::new(0.0, 0.0, 0.35), second));
+        assert!(!limits.are_exceeded_by(Pose2::new(9.0, 0.0, 0.0), Duration::ZERO));
     }
 
     /// A laser that drives along a straight wall 2 m to its left, and turns: the wall comes out straight.

@@ -41,21 +41,6 @@ impl FaultPlan {
         let period = self.unplug_every.micros;
         period > 0 && now.micros >= period && now.micros % period < self.unplugged_for.micros
     }
-
-    /// The next instant at which the plug goes out or in.
-    pub fn next_plug_event(&self, now: Instant) -> Option<Instant> {
-        let period = self.unplug_every.micros;
-        if period <= 0 {
-            return None;
-        }
-        let (turn, within) = (now.micros.div_euclid(period), now.micros.rem_euclid(period));
-        let next = if turn >= 1 && within < self.unplugged_for.micros {
-            turn * period + self.unplugged_for.micros
-        } else {
-            (turn + 1) * period
-        };
-        Some(Instant::from_micros(next))
-    }
 }
 
 /// One kind of damage.
@@ -158,9 +143,6 @@ mod tests {
             [at(0), at(19_999), at(20_000), at(21_499), at(21_500)].map(|now| plan.is_unplugged(now)),
             [false, false, true, true, false]
         );
-        assert_eq!(plan.next_plug_event(at(3)), Some(at(20_000)));
-        assert_eq!(plan.next_plug_event(at(20_000)), Some(at(21_500)));
-        assert_eq!(plan.next_plug_event(at(21_500)), Some(at(40_000)));
         assert!(FaultPlan::parse("damage=2").is_err() && FaultPlan::parse("flip").is_err());
         assert_eq!(FaultPlan::parse("none").unwrap().damage, 0.0);
     }

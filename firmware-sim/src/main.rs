@@ -14,9 +14,9 @@ use lrfslam_core::time::Instant;
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::pty;
 use lrfslam_firmware_sim::scenario::Scenario;
-use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
-use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
-use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
+use lrfslam_firmware_sim::virtual_lrf::hokuyo::HokuyoModel;
+use lrfslam_firmware_sim::virtual_lrf::sick::SickModel;
+use lrfslam_firmware_sim::virtual_lrf::{SensorModel, VirtualLrf};
 use lrfslam_lrf::sick_lms::Variant;
 
 /// Simulated laser range finders.
@@ -90,22 +90,16 @@ enum Model {
 
 impl Model {
     /// What the sensor is on the wire.
-    fn sensor(self) -> Sensor {
+    fn sensor(self) -> SensorModel {
         match self {
-            Self::Lms200 => Sensor::Sick(SickModel::lms200()),
-            Self::Lms200Far => Sensor::Sick(SickModel::lms200_3016()),
-            Self::Lms291 => Sensor::Sick(SickModel::lms291()),
-            Self::Urg04lx => Sensor::Hokuyo(HokuyoModel::urg_04lx()),
-            Self::Urg04lxUg01 => Sensor::Hokuyo(HokuyoModel::urg_04lx_ug01()),
-            Self::Utm30lx => Sensor::Hokuyo(HokuyoModel::utm_30lx()),
+            Self::Lms200 => SensorModel::Sick(SickModel::lms200()),
+            Self::Lms200Far => SensorModel::Sick(SickModel::lms200_3016()),
+            Self::Lms291 => SensorModel::Sick(SickModel::lms291()),
+            Self::Urg04lx => SensorModel::Hokuyo(HokuyoModel::urg_04lx()),
+            Self::Urg04lxUg01 => SensorModel::Hokuyo(HokuyoModel::urg_04lx_ug01()),
+            Self::Utm30lx => SensorModel::Hokuyo(HokuyoModel::utm_30lx()),
         }
     }
-}
-
-/// The two protocols.
-enum Sensor {
-    Sick(SickModel),
-    Hokuyo(HokuyoModel),
 }
 
 fn parse_variant(text: &str) -> Result<Variant, String> {
@@ -160,20 +154,9 @@ fn serve(arguments: &ServeArgs) -> Result<()> {
 
 fn build(arguments: &ServeArgs) -> Result<Box<dyn VirtualLrf>> {
     let scene = Box::new(Scenario::load(&arguments.world)?.scene());
-    Ok(match arguments.lrf.sensor() {
-        Sensor::Sick(model) => {
-            let model = match arguments.variant {
-                Some(variant) => model.with_variant(variant),
-                None => model,
-            };
-            let mut device = VirtualSick::new(model, scene, arguments.seed);
-            arguments.baud.into_iter().for_each(|baud| device.set_baud(baud));
-            Box::new(device)
-        }
-        Sensor::Hokuyo(model) => {
-            let mut device = VirtualHokuyo::new(model, scene, arguments.seed);
-            arguments.baud.into_iter().for_each(|baud| device.set_baud(baud));
-            Box::new(device)
-        }
-    })
+    let model = match (arguments.lrf.sensor(), arguments.variant) {
+        (SensorModel::Sick(model), Some(variant)) => SensorModel::Sick(model.with_variant(variant)),
+        (model, _) => model,
+    };
+    Ok(model.seeing(scene, arguments.seed, arguments.baud))
 }

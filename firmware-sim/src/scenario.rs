@@ -89,10 +89,10 @@ pub struct Scenario {
 }
 
 /// A world file as it stands.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct WorldFile {
-    height_m: Spanned<f64>,
+    height_m: Option<Spanned<f64>>,
     rectangle: Vec<Spanned<Panel>>,
     polygon: Vec<Spanned<Polygon>>,
     wall: Vec<Spanned<Wall>>,
@@ -103,7 +103,7 @@ struct WorldFile {
     corridor: Vec<Spanned<Corridor>>,
     office: Vec<Spanned<Office>>,
     map: Vec<MapPart>,
-    robot: Spanned<RobotPlan>,
+    robot: Option<Spanned<RobotPlan>>,
     person: Vec<Spanned<PersonPlan>>,
 }
 
@@ -113,27 +113,6 @@ struct WorldFile {
 struct MapPart {
     /// Its YAML file, beside the world file.
     yaml: PathBuf,
-}
-
-impl Default for WorldFile {
-    fn default() -> Self {
-        let none = 0..0;
-        Self {
-            height_m: Spanned::new(none.clone(), DEFAULT_HEIGHT_M),
-            rectangle: Vec::new(),
-            polygon: Vec::new(),
-            wall: Vec::new(),
-            curved_wall: Vec::new(),
-            block: Vec::new(),
-            slab: Vec::new(),
-            room: Vec::new(),
-            corridor: Vec::new(),
-            office: Vec::new(),
-            map: Vec::new(),
-            robot: Spanned::new(none, RobotPlan::default()),
-            person: Vec::new(),
-        }
-    }
 }
 
 /// How high walls are if nothing is said, m.
@@ -178,9 +157,10 @@ impl Scenario {
         let content: WorldFile = toml::from_str(text).map_err(|error| in_toml(text, file, &error))?;
         let source = Source { text, file };
         let mut world = World::default();
-        let height_m = *content.height_m.as_ref();
+        let (height_m, at) =
+            content.height_m.map_or((DEFAULT_HEIGHT_M, 0), |height_m| (*height_m.as_ref(), height_m.span().start));
         let high = check(height_m > 0.0 && height_m.is_finite(), "height_m", "a positive height");
-        high.map_err(|fault| source.fault("world", content.height_m.span().start, fault))?;
+        high.map_err(|fault| source.fault("world", at, fault))?;
         source.build("rectangle", &content.rectangle, &mut world, height_m)?;
         source.build("polygon", &content.polygon, &mut world, height_m)?;
         source.build("wall", &content.wall, &mut world, height_m)?;
@@ -195,8 +175,8 @@ impl Scenario {
             Person::new(plan.as_ref()).map_err(|fault| source.fault("person", plan.span().start, fault))
         };
         let people = content.person.iter().map(person).collect::<Result<_, _>>()?;
-        let at = content.robot.span().start;
-        let robot = content.robot.into_inner();
+        let at = content.robot.as_ref().map_or(0, |robot| robot.span().start);
+        let robot = content.robot.map_or_else(RobotPlan::default, Spanned::into_inner);
         let drive = Drive::new(&robot).map_err(|fault| source.fault("robot", at, fault))?;
         Ok(Self { world, robot, people, drive })
     }

@@ -4,11 +4,11 @@
 //! says. They know nothing of terminals or sockets; [`Cable`](crate::cable::Cable) carries their bytes at the pace of the line.
 
 pub mod hokuyo;
-mod recorded_laser;
 pub mod recording;
+mod sensor_model;
 pub mod sick;
 
-pub use recorded_laser::RecordedLaser;
+pub use sensor_model::SensorModel;
 
 use lrfslam_core::time::{Duration, Instant};
 

@@ -8,13 +8,12 @@ use std::collections::HashMap;
 use std::io::{self, Write};
 use std::path::Path;
 
-use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::Instant;
 
 use crate::input::table::{TableError, read_table};
 use crate::input::text::{FieldFault, Words, fault};
-use crate::output::PendingFile;
+use crate::output::save_by;
 use crate::pose_f64::PoseF64;
 use crate::scans::log::LogScan;
 
@@ -78,12 +77,7 @@ pub fn with_poses(scans: Vec<LogScan>, poses: &[TimedPose]) -> (Vec<LogScan>, Ve
 /// # Errors
 /// If it cannot be written; it is named.
 pub fn write_trajectory(file: &Path, poses: &[TimedPose]) -> anyhow::Result<()> {
-    let write = || {
-        let mut out = PendingFile::create(file)?;
-        by_time(poses).iter().try_for_each(|pose| pose.write_tum(&mut out))?;
-        out.finish()
-    };
-    write().with_context(|| format!("{}: cannot be written", file.display()))
+    save_by(file, |out| by_time(poses).iter().try_for_each(|pose| pose.write_tum(out)))
 }
 
 /// Reads a trajectory: TUM's eight columns or `t x y θ`, plain or gzip, `#` comments.

@@ -6,7 +6,7 @@ use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::cable::{Cable, resample};
 use lrfslam_firmware_sim::fault::{FaultLink, FaultPlan};
 use lrfslam_firmware_sim::virtual_lrf::{Emission, VirtualLrf};
-use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};
+use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, run_input};
 
 use crate::oracle::{Seen, published};
 
@@ -152,7 +152,7 @@ impl<'d> Rig<'d> {
     }
 
     fn next_event(&self) -> Instant {
-        let plug = self.plan.next_plug_event(self.now);
+        let plug = next_plug_event(&self.plan, self.now);
         let upstream = self.upstream.front().map(|(at, _, _)| *at);
         let arrival = self.cable.next_arrival(self.now, self.grain);
         let mut next = self.deadline.min(self.device.deadline());
@@ -162,7 +162,7 @@ impl<'d> Rig<'d> {
         if self.plugged {
             next
         } else {
-            next.min(self.now.max(self.plan.next_plug_event(self.now).unwrap_or(self.now)))
+            next.min(self.now.max(next_plug_event(&self.plan, self.now).unwrap_or(self.now)))
         }
     }
 
@@ -240,13 +240,7 @@ impl<'d> Rig<'d> {
     fn give(&mut self, input: Input<'_>) {
         let mut outputs = Vec::new();
         let mut sink = |output: Output<'_>| outputs.push(Owned::from(output));
-        self.deadline = match input {
-            Input::Bytes(bytes) => run_bytes(self.driver.as_mut(), self.now, bytes, &mut sink),
-            input => {
-                let _ = self.driver.handle_input(self.now, input);
-                drain(self.driver.as_mut(), &mut sink)
-            }
-        };
+        self.deadline = run_input(self.driver.as_mut(), self.now, input, &mut sink);
         outputs.into_iter().for_each(|output| self.act(output));
     }
 
@@ -295,4 +289,19 @@ impl From<Output<'_>> for Owned {
             Output::Timeout(_) => Owned::Said("timeout among outputs".to_owned()),
         }
     }
+}
+
+/// The next instant at which the plug goes out or in.
+fn next_plug_event(plan: &FaultPlan, now: Instant) -> Option<Instant> {
+    let period = plan.unplug_every.micros;
+    if period <= 0 {
+        return None;
+    }
+    let (turn, within) = (now.micros.div_euclid(period), now.micros.rem_euclid(period));
+    let next = if turn >= 1 && within < plan.unplugged_for.micros {
+        turn * period + plan.unplugged_for.micros
+    } else {
+        (turn + 1) * period
+    };
+    Some(Instant::from_micros(next))
 }

@@ -7,7 +7,7 @@ use std::error::Error;
 use std::io::ErrorKind;
 use std::time::{Duration as Wait, Instant as Clock};
 
-use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};
+use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, run_input};
 use lrfslam_lrf::hokuyo_scip::driver as hokuyo;
 use lrfslam_lrf::hokuyo_scip::{HokuyoConfig, HokuyoDriver};
 use lrfslam_lrf::scan::{Beam, Echo, RangeScan};
@@ -18,9 +18,7 @@ use serialport::SerialPort;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [path, family, rest @ ..] = &arguments[..] else {
-        return Err("expected a port and `sick` or `hokuyo`".into());
-    };
+    let [path, family, rest @ ..] = &arguments[..] else { return Err("expected a port and `sick` or `hokuyo`".into()) };
     let scans = rest.first().map_or(Ok(u32::MAX), |count| count.parse())?;
     let mut port = serialport::new(path, 9600).timeout(Wait::from_millis(20)).open()?;
     let (mut bytes, mut beams) = ([0; hokuyo::FRAME_MEMORY], [Beam::BLANK; hokuyo::BEAM_MEMORY]);
@@ -58,11 +56,7 @@ fn read(driver: &mut dyn LrfDriver, port: &mut dyn SerialPort, scans: u32) -> Re
             failed = failed.take().or(done.err());
         };
         deadline = match input.take() {
-            Some(Input::Bytes(bytes)) => run_bytes(driver, now(), bytes, &mut act),
-            Some(input) => {
-                let _ = driver.handle_input(now(), input);
-                drain(driver, &mut act)
-            }
+            Some(input) => run_input(driver, now(), input, &mut act),
             None => deadline,
         };
         failed.map_or(Ok(()), Err)?;

@@ -1,6 +1,6 @@
 //! A driver at a desk: what it puts out, in words; the test across it plays the sensor.
 
-use super::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};
+use super::driver::{Event, Input, LrfDriver, Output, run_input};
 use lrfslam_scan::time::{Duration, Instant};
 use std::string::String;
 use std::vec::Vec;
@@ -26,13 +26,7 @@ impl<D: LrfDriver> Desk<D> {
     pub(super) fn give(&mut self, input: Input<'_>) {
         let (said, describe) = (&mut self.said, self.describe);
         let mut sink = |output: Output<'_>| said.push(describe(output));
-        self.deadline = match input {
-            Input::Bytes(bytes) => run_bytes(&mut self.driver, self.now, bytes, &mut sink),
-            input => {
-                let _ = self.driver.handle_input(self.now, input);
-                drain(&mut self.driver, &mut sink)
-            }
-        };
+        self.deadline = run_input(&mut self.driver, self.now, input, &mut sink);
     }
 
     /// Bytes of the sensor, a while after the last.

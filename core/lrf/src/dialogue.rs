@@ -1,32 +1,51 @@
-//! What the sessions of all families have in common: their outputs in order, waiting, trouble, and what they count.
+//! What the sessions of all families have in common: their state, their outputs in order, waiting, trouble, and what they count.
 //!
-//! A driver keeps a [`DialogueBase`] and its own state machine beside it: the base reports and sets deadlines, the machine goes on from them.
+//! A family keeps a [`DialogueBase`] and what is its own beside it; how a session goes from state to state is in [`session`](super::session).
 
-use super::driver::{Counters, Event, Identity, NEVER, Output};
+use super::driver::{BaudPolicy, Counters, Event, Identity, NEVER, Output};
 use super::trouble::{BaudRates, Cause, Step, Trouble};
-use lrfslam_scan::RangeScan;
 use lrfslam_scan::time::{Duration, Instant};
+use lrfslam_scan::{Beam, RangeScan};
+
+/// Where a session is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum State<Ask> {
+    /// No port, or stopped.
+    #[default]
+    Idle,
+    /// Waiting before the next look for the sensor.
+    BackOff,
+    /// The line becomes quiet, or a new rate settles on both sides; then this is asked.
+    Pausing(Ask),
+    /// This was asked.
+    Asking(Ask),
+    Streaming,
+}
 
 /// What every session keeps.
 #[derive(Debug, Default)]
-pub(super) struct DialogueBase {
+pub(super) struct DialogueBase<Ask> {
+    pub(super) state: State<Ask>,
+    /// Times that the question may be asked again.
+    pub(super) attempts_left: u8,
     pub(super) patience: Patience,
     pub(super) outbox: Outbox,
     pub(super) back_off: BackOff,
     pub(super) counters: Counters,
+    pub(super) bad_in_a_row: u8,
+    pub(super) damaged_before: u32,
     pub(super) identity: Identity,
     pub(super) rates: BaudRates,
     pub(super) rate_index: usize,
     pub(super) baud: u32,
     pub(super) last_good_baud: u32,
+    pub(super) raise_failures: u8,
 }
 
-impl DialogueBase {
+impl<Ask: Copy + PartialEq> DialogueBase<Ask> {
     /// The next output; `scan` lends the scan that was announced.
     pub(super) fn poll_output<'a>(&'a mut self, scan: impl FnOnce() -> RangeScan<'a>) -> Output<'a> {
-        let Some(pending) = self.outbox.pop() else {
-            return Output::Timeout(self.patience.deadline);
-        };
+        let Some(pending) = self.outbox.pop() else { return Output::Timeout(self.patience.deadline) };
         Output::Event(match pending {
             Pending::Transmit(bytes) => return Output::Transmit(self.outbox.lend(bytes)),
             Pending::SetBaud(rate) => return Output::SetBaud(rate),
@@ -58,11 +77,56 @@ impl DialogueBase {
         self.outbox.push(Pending::Found(self.baud));
     }
 
+    /// True if the rate is to be changed, and that has not failed too often.
+    pub(super) fn wants_raise(&self, policy: BaudPolicy) -> bool {
+        policy.wants_change(self.baud) && self.raise_failures < 2
+    }
+
+    /// The sensor goes to another rate: so does the port, then both sides settle before `verify` is asked.
+    pub(super) fn change_rate(&mut self, now: Instant, baud: u32, settle: Duration, verify: Ask) {
+        self.baud = baud;
+        self.outbox.push(Pending::SetBaud(baud));
+        self.state = State::Pausing(verify);
+        self.wait(now, settle);
+    }
+
+    /// Scans are on their way, one every `period`; the first within `wait`.
+    pub(super) fn begin_streaming(&mut self, now: Instant, baud: u32, period: Duration, wait: Duration) {
+        self.state = State::Streaming;
+        self.bad_in_a_row = 0;
+        self.outbox.push(Pending::Streaming(baud, period));
+        self.wait(now, wait);
+    }
+
     /// A scan is whole.
     pub(super) fn announce_scan(&mut self) {
         self.outbox.push(Pending::Scan);
         self.counters.scans = self.counters.scans.saturating_add(1);
+        self.bad_in_a_row = 0;
         self.back_off.reset();
+    }
+
+    /// A scan or reply whose sum is right, but whose content is not what was asked for.
+    pub(super) fn count_refused(&mut self) {
+        self.counters.damaged = self.counters.damaged.saturating_add(1);
+    }
+
+    /// True if the decoder has found damage since the last call; `damaged` is its count.
+    pub(super) fn is_damage_new(&mut self, damaged: u32) -> bool {
+        core::mem::replace(&mut self.damaged_before, damaged) != damaged
+    }
+
+    /// A damaged scan: the session begins anew if it was the last of `most` in a row.
+    pub(super) fn bad_scan(&mut self, now: Instant, most: u8) {
+        self.bad_in_a_row = self.bad_in_a_row.saturating_add(1);
+        if self.bad_in_a_row >= most {
+            self.lose(now, Cause::Damaged);
+        }
+    }
+
+    /// Waits this long, whatever comes.
+    pub(super) fn wait(&mut self, now: Instant, wait: Duration) {
+        self.patience = Patience::new(now, wait, wait);
     }
 
     /// Reports trouble with which the session can go on.
@@ -71,11 +135,19 @@ impl DialogueBase {
     }
 
     /// Reports trouble after which the session begins anew, and waits before it does.
+    // Called from everywhere: one copy of it saves a kilobyte of flash.
+    #[inline(never)]
     pub(super) fn begin_anew(&mut self, now: Instant, step: Step, cause: Cause, sent: &'static str) {
         let retry_in = self.back_off.advance();
         self.report(step, cause, sent, retry_in);
         self.counters.restarts = self.counters.restarts.saturating_add(1);
-        self.patience = Patience::new(now, retry_in, retry_in);
+        self.state = State::BackOff;
+        self.wait(now, retry_in);
+    }
+
+    /// No more scans, or none of use: begins anew.
+    pub(super) fn lose(&mut self, now: Instant, cause: Cause) {
+        self.begin_anew(now, Step::Stream, cause, "");
     }
 
     fn report(&mut self, step: Step, cause: Cause, sent: &'static str, retry_in: Duration) {
@@ -85,14 +157,46 @@ impl DialogueBase {
 
     /// The port is gone: waits for nothing.
     pub(super) fn unplugged(&mut self) {
-        self.warn(Step::Port, Cause::Unplugged, "");
-        self.patience = Patience::FOREVER;
+        if self.state != State::Idle {
+            self.warn(Step::Port, Cause::Unplugged, "");
+            self.rest();
+        }
     }
 
     /// It has stopped: waits for nothing.
     pub(super) fn stopped(&mut self, laser_off: bool) {
         self.outbox.push(Pending::Stopped(laser_off));
+        self.rest();
+    }
+
+    fn rest(&mut self) {
+        self.state = State::Idle;
         self.patience = Patience::FOREVER;
+    }
+}
+
+/// The last scan, in memory that the caller lends.
+#[derive(Debug)]
+pub(super) struct ScanMemory<'a> {
+    pub(super) beams: &'a mut [Beam],
+    len: usize,
+    stamp: Instant,
+    range_max_m: f32,
+}
+
+impl<'a> ScanMemory<'a> {
+    pub(super) fn new(beams: &'a mut [Beam]) -> Self {
+        Self { beams, len: 0, stamp: Instant::default(), range_max_m: 0.0 }
+    }
+
+    /// The first `len` beams are a scan; ranges from `range_max_m` on are misses, m.
+    pub(super) fn keep(&mut self, len: usize, stamp: Instant, range_max_m: f32) {
+        (self.len, self.stamp, self.range_max_m) = (len, stamp, range_max_m);
+    }
+
+    pub(super) fn scan(&self) -> RangeScan<'_> {
+        let beams = self.beams.get(..self.len).unwrap_or(&[]);
+        RangeScan { stamp: self.stamp, range_max_m: self.range_max_m, beams }
     }
 }
 
@@ -194,6 +298,11 @@ impl Patience {
     pub(super) fn is_over(&self, now: Instant) -> bool {
         now >= self.deadline
     }
+}
+
+/// How long to wait for a scan that comes every `period`: three may be damaged before it is called silence.
+pub(super) fn scan_wait(period: Duration, allowance: Duration) -> Duration {
+    Duration::from_micros(4 * period.micros + allowance.micros)
 }
 
 /// Time that `bytes` take on a line of `baud`, 10 bits a byte; nothing on links without a rate.

@@ -2,7 +2,7 @@
 //!
 //! # Contract
 //! Give one input, then drain [`poll_output`](LrfDriver::poll_output) until it answers [`Output::Timeout`]; only then the
-//! next input. [`Input::Bytes`] may be taken in part: drain, then give the rest ([`run_bytes`] does both). Extra calls do
+//! next input. [`Input::Bytes`] may be taken in part: drain, then give the rest ([`run_input`] does all of this). Extra calls do
 //! no harm. A driver never blocks, reads no clock and keeps no thread: the same inputs at the same instants give the same
 //! outputs, so a recording of the inputs replays exactly.
 
@@ -114,6 +114,14 @@ impl BaudPolicy {
         }
     }
 
+    /// The rates to look at: the `last_good` one, the wanted one, then `all`; none on a link without rates.
+    pub(super) fn rates(self, last_good: u32, all: &[u32]) -> BaudRates {
+        match self {
+            BaudPolicy::NoRate => BaudRates::default(),
+            policy => BaudRates::new([last_good, policy.wanted()].into_iter().chain(all.iter().copied())),
+        }
+    }
+
     /// True if the rate found is to be changed to the one wanted.
     pub(super) fn wants_change(self, found: u32) -> bool {
         match self {
@@ -164,6 +172,20 @@ pub fn run_bytes<D: LrfDriver + ?Sized>(
             return deadline;
         }
     }
+}
+
+/// Gives any input to `driver`, all of its bytes if it has some, and every output but timeouts to `sink`; returns the next deadline.
+pub fn run_input<D: LrfDriver + ?Sized>(
+    driver: &mut D,
+    now: Instant,
+    input: Input<'_>,
+    sink: &mut dyn FnMut(Output<'_>),
+) -> Instant {
+    if let Input::Bytes(bytes) = input {
+        return run_bytes(driver, now, bytes, sink);
+    }
+    let _ = driver.handle_input(now, input);
+    drain(driver, sink)
 }
 
 /// Gives every output but timeouts to `sink`; returns the next deadline.

@@ -34,6 +34,7 @@ pub mod driver;
 pub mod hokuyo_scip;
 pub mod ldrobot;
 pub mod rplidar;
+mod session;
 pub mod sick_lms;
 mod trouble;
 pub mod turn;

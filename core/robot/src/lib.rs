@@ -24,5 +24,6 @@ pub mod wire;
 
 pub use config::{LaserConfig, LaserFamily, ReportConfig, RobotConfig};
 pub use program::{
-    CompactPools, Input, LargePools, Mapped, Mapping, Misfit, Ports, Robot, RobotMemory, RobotPools, StandardPools,
+    CompactPools, Input, LargePools, Mapped, Mapping, Misfit, Pools, Ports, Robot, RobotMemory, RobotPools,
+    StandardPools,
 };

@@ -59,6 +59,16 @@ pub struct RangeScan<'a> {
     pub beams: &'a [Beam],
 }
 
+impl RangeScan<'_> {
+    /// From its time to the middle of the sweep.
+    pub fn middle(&self) -> Duration {
+        match (self.beams.first(), self.beams.last()) {
+            (Some(first), Some(last)) => Duration::from_micros(first.offset.micros.midpoint(last.offset.micros)),
+            _ => Duration::ZERO,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,7 +7,7 @@
 use lrfslam_core::time::Instant;
 use lrfslam_firmware::Pools;
 use lrfslam_firmware::board::{self, Board};
-use lrfslam_robot::{Input, Robot};
+use lrfslam_robot::{Input, Pools as _, Robot};
 use static_cell::ConstStaticCell;
 
 static POOLS: ConstStaticCell<Pools> = ConstStaticCell::new(Pools::EMPTY);

@@ -17,7 +17,7 @@ use std::time::Duration as WallDuration;
 use anyhow::{Context as _, Result};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_robot::wire::message::Health;
-use lrfslam_robot::{Input, Ports, Robot, RobotMemory, RobotPools};
+use lrfslam_robot::{Input, Pools, Ports, Robot, RobotMemory};
 
 use self::clock::Clock;
 use self::port::{News, Port};
@@ -45,34 +45,6 @@ pub struct Wiring {
     pub faults: (f32, u64),
 }
 
-/// Memory of a robot of any size.
-pub trait Memory: 'static {
-    /// Unused memory.
-    fn boxed() -> Box<Self>;
-    /// As slices.
-    fn lend(&mut self) -> RobotMemory<'_>;
-}
-
-impl<
-    const TILES: usize,
-    const WINDOW: usize,
-    const PARTICLES: usize,
-    const NODES: usize,
-    const BEAMS: usize,
-    const NDT_TILES: usize,
-    const NDT_PLACES: usize,
-    const QUEUE: usize,
-> Memory for RobotPools<TILES, WINDOW, PARTICLES, NODES, BEAMS, NDT_TILES, NDT_PLACES, QUEUE>
-{
-    fn boxed() -> Box<Self> {
-        Box::new(Self::EMPTY)
-    }
-
-    fn lend(&mut self) -> RobotMemory<'_> {
-        Self::lend(self)
-    }
-}
-
 /// A port that is not there is tried again after this time.
 const REOPEN: Duration = Duration::from_millis(300);
 /// Longest wait, so that a stop is noticed …
@@ -86,7 +58,7 @@ const FIRST_BAUD: u32 = 9600;
 ///
 /// # Errors
 /// If the host's line cannot be opened at the start.
-pub fn serve<M: Memory>(wiring: &Wiring, stop: &Arc<AtomicBool>, say: &(dyn Fn(&str) + Sync)) -> Result<()> {
+pub fn serve<M: Pools>(wiring: &Wiring, stop: &Arc<AtomicBool>, say: &(dyn Fn(&str) + Sync)) -> Result<()> {
     let mut lines = Lines::open(wiring, stop, say)?;
     // The pools pass over the stack once, on their way to the heap.
     let stack = 2 * size_of::<M>() + (4 << 20);
@@ -94,7 +66,8 @@ pub fn serve<M: Memory>(wiring: &Wiring, stop: &Arc<AtomicBool>, say: &(dyn Fn(&
         let robot = std::thread::Builder::new().name("robot".to_owned()).stack_size(stack);
         let robot = robot.spawn_scoped(scope, || {
             while !stop.load(Ordering::Relaxed) {
-                lines.run(M::boxed().lend(), stop);
+                let mut pools = Box::new(M::EMPTY);
+                lines.run(pools.lend(), stop);
                 say("the robot starts anew");
             }
         });
@@ -124,8 +97,6 @@ struct Lines<'s> {
     host_at: Instant,
     to_host: FaultLink,
     from_host: FaultLink,
-    laser_generation: u32,
-    host_generation: u32,
     is_restart: bool,
     longest_us: u32,
 }
@@ -147,8 +118,6 @@ impl<'s> Lines<'s> {
             host_at: Instant::default(),
             to_host: FaultLink::new(chance, seed),
             from_host: FaultLink::new(chance, seed ^ 0x5EED),
-            laser_generation: 0,
-            host_generation: 0,
             is_restart: false,
             longest_us: 0,
         };
@@ -158,26 +127,19 @@ impl<'s> Lines<'s> {
                 say(&format!("listening at {}", listener.local_addr().unwrap_or(*address)));
                 port::accept(listener, lines.sender.clone(), stop.clone(), Event::Connection);
             }
-            HostLine::Serial(path, baud) => lines.plug_host(Port::serial(path, *baud)?),
-            HostLine::Terminal(path) => lines.plug_host(Port::terminal(path)?),
+            HostLine::Serial(path, baud) => lines.host = lines.plug(Port::serial(path, *baud)?, Event::Host),
+            HostLine::Terminal(path) => lines.host = lines.plug(Port::terminal(path)?, Event::Host),
         }
         Ok(lines)
     }
 
-    fn plug_host(&mut self, port: Port) {
+    /// Listens to `port`, as the newest of its kind.
+    fn plug(&mut self, mut port: Port, event: fn(u32, News) -> Event) -> Option<Port> {
         self.generation += 1;
-        let generation = self.generation;
-        port.listen(self.clock, self.sender.clone(), move |news| Event::Host(generation, news));
-        self.host_generation = generation;
-        self.host = Some(port);
-    }
-
-    fn plug_laser(&mut self, port: Port) {
-        self.generation += 1;
-        let generation = self.generation;
-        port.listen(self.clock, self.sender.clone(), move |news| Event::Laser(generation, news));
-        self.laser_generation = generation;
-        self.laser = Some(port);
+        port.generation = self.generation;
+        let generation = port.generation;
+        port.listen(self.clock, self.sender.clone(), move |news| event(generation, news));
+        Some(port)
     }
 
     /// One life of the robot: until `stop`, or until it wants to start anew.
@@ -222,7 +184,7 @@ impl<'s> Lines<'s> {
             self.laser_at = now + REOPEN;
             if let Ok(port) = Port::serial(&self.wiring.laser, FIRST_BAUD) {
                 (self.say)("the laser is plugged in");
-                self.plug_laser(port);
+                self.laser = self.plug(port, Event::Laser);
                 deadline = self.give(robot, now, Input::LaserConnected);
             }
         }
@@ -232,7 +194,7 @@ impl<'s> Lines<'s> {
         {
             self.host_at = now + REOPEN;
             if let Ok(port) = Port::serial(path, *baud) {
-                self.plug_host(port);
+                self.host = self.plug(port, Event::Host);
                 deadline = self.give(robot, now, Input::LinkConnected);
             }
         }
@@ -241,7 +203,7 @@ impl<'s> Lines<'s> {
 
     fn take(&mut self, robot: &mut Robot<'_>, event: Event, deadline: Instant) -> Instant {
         match event {
-            Event::Laser(generation, news) if generation == self.laser_generation => match news {
+            Event::Laser(generation, news) if is_of(&self.laser, generation) => match news {
                 News::Bytes(at, bytes) => self.give(robot, at, Input::LaserBytes(&bytes)),
                 News::Gone => {
                     (self.say)("the laser is unplugged");
@@ -249,7 +211,7 @@ impl<'s> Lines<'s> {
                     self.give(robot, self.clock.now(), Input::LaserDisconnected)
                 }
             },
-            Event::Host(generation, news) if generation == self.host_generation => match news {
+            Event::Host(generation, news) if is_of(&self.host, generation) => match news {
                 News::Bytes(at, bytes) => {
                     let bytes = self.from_host.pass(at, bytes);
                     self.give(robot, at, Input::LinkBytes(&bytes))
@@ -264,7 +226,7 @@ impl<'s> Lines<'s> {
                 let Ok(port) = Port::tcp(stream) else { return deadline };
                 (self.say)("a host is there");
                 self.give(robot, self.clock.now(), Input::LinkDisconnected);
-                self.plug_host(port);
+                self.host = self.plug(port, Event::Host);
                 self.give(robot, self.clock.now(), Input::LinkConnected)
             }
             Event::Laser(..) | Event::Host(..) => deadline,
@@ -278,6 +240,10 @@ impl<'s> Lines<'s> {
         self.longest_us = self.longest_us.max(u32::try_from(took).unwrap_or(u32::MAX));
         deadline
     }
+}
+
+fn is_of(port: &Option<Port>, generation: u32) -> bool {
+    port.as_ref().is_some_and(|port| port.generation == generation)
 }
 
 impl Ports for Lines<'_> {

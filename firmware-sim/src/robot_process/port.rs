@@ -60,6 +60,8 @@ impl Line {
 pub(super) struct Port {
     line: Arc<Line>,
     pending: Vec<u8>,
+    /// Its number among all that were opened: what an older one still says is not heard.
+    pub(super) generation: u32,
 }
 
 impl Port {
@@ -91,7 +93,7 @@ impl Port {
     }
 
     fn new(line: Line) -> Self {
-        Self { line: Arc::new(line), pending: Vec::new() }
+        Self { line: Arc::new(line), pending: Vec::new(), generation: 0 }
     }
 
     /// Sends what comes, as news made by `tell`, until the line is gone or dropped.

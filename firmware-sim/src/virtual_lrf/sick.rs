@@ -10,7 +10,6 @@ mod status;
 use lrfslam_core::scan::Beam;
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_lrf::driver::NEVER;
-use lrfslam_lrf::sick_lms::request::PASSWORD;
 use lrfslam_lrf::sick_lms::telegram::{self, ACK, Direction, Head, NAK};
 use lrfslam_lrf::sick_lms::{ConfigBlock, OperatingMode, Request, Unit, Variant};
 
@@ -196,6 +195,13 @@ impl VirtualSick {
         }
     }
 
+    fn boot(&mut self, now: Instant) {
+        self.booting_until = Some(now + self.model.boot);
+        self.mode = OperatingMode::OnRequest;
+        self.single = false;
+        self.incoming.clear();
+    }
+
     fn is_streaming(&self) -> bool {
         !matches!(self.mode, OperatingMode::OnRequest | OperatingMode::Installation(_))
     }
@@ -203,10 +209,7 @@ impl VirtualSick {
 
 impl VirtualLrf for VirtualSick {
     fn power_on(&mut self, now: Instant) {
-        self.booting_until = Some(now + self.model.boot);
-        self.mode = OperatingMode::OnRequest;
-        self.single = false;
-        self.incoming.clear();
+        self.boot(now);
         self.line.reset(now, Some(self.permanent_baud.unwrap_or(9600)));
     }
 
@@ -246,9 +249,6 @@ impl VirtualLrf for VirtualSick {
         self.line.baud(now)
     }
 }
-
-/// The password that the virtual sensors have.
-const INSTALLATION_PASSWORD: [u8; 8] = PASSWORD;
 
 #[cfg(test)]
 mod tests;

@@ -100,7 +100,8 @@ pub struct Wall {
 
 impl Part for Wall {
     fn build(&self, world: &mut World, height_m: f64) -> Result<(), PartFault> {
-        let line = Upright::new(self.from, self.to).ok_or_else(|| same_place("to"))?;
+        let same_place = || PartFault { key: "to", expected: "another place than `from`".to_owned() };
+        let line = Upright::new(self.from, self.to).ok_or_else(same_place)?;
         let z_m = heights(self.z_m, height_m)?;
         check(self.thickness_m >= 0.0, "thickness_m", "a length, or 0")?;
         self.check_openings(&line, z_m)?;
@@ -134,10 +135,6 @@ impl Wall {
         }
         Ok(())
     }
-}
-
-fn same_place(key: &'static str) -> PartFault {
-    PartFault { key, expected: "another place than `from`".to_owned() }
 }
 
 /// A solid piece of wall: two faces and two ends; one face if it is thin.
@@ -263,7 +260,7 @@ impl Part for Corridor {
         check(self.way.len() >= if self.closed { 3 } else { 2 }, "way", "at least 2 corners, 3 if it is closed")?;
         let half = self.width_m / 2.0;
         let lines = self.lines()?;
-        lines.iter().try_for_each(|line| self.add_slabs(world, line, height_m))?;
+        lines.iter().for_each(|line| self.add_slabs(world, line, height_m));
         let (left, right) = (offset(&lines, half, self.closed), offset(&lines, -half, self.closed));
         let outlines = if self.closed {
             vec![left, right]
@@ -284,11 +281,10 @@ impl Corridor {
         lines.ok_or_else(|| PartFault { key: "way", expected: "corners that differ from their neighbours".to_owned() })
     }
 
-    fn add_slabs(&self, world: &mut World, line: &Upright, height_m: f64) -> Result<(), PartFault> {
+    fn add_slabs(&self, world: &mut World, line: &Upright, height_m: f64) {
         let half = self.width_m / 2.0;
         let ends = [-half, line.length_m + half];
         [0.0, height_m].iter().for_each(|z| world.add(line.level(ends, [-half, half], *z)));
-        Ok(())
     }
 }
 

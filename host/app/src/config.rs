@@ -190,18 +190,10 @@ fn with_notice_of_cut_keys(message: &str) -> String {
 }
 
 impl RunConfig {
-    /// Defaults, then the file (if any), then the overrides `section.key=value`, checked.
+    /// `defaults`, then the file (if any), then the overrides `section.key=value`, checked.
     ///
     /// # Errors
     /// The first thing that is wrong, said with file and line, override, or section and field.
-    pub fn load(file: Option<&Path>, overrides: &[String]) -> Result<Self, RunConfigError> {
-        Self::load_over(Self::default(), file, overrides)
-    }
-
-    /// The same with other defaults.
-    ///
-    /// # Errors
-    /// As [`load`](Self::load).
     pub fn load_over(defaults: Self, file: Option<&Path>, overrides: &[String]) -> Result<Self, RunConfigError> {
         let mut config = file.map_or(Ok(defaults), |file| defaults.with_file(file))?;
         for argument in overrides {

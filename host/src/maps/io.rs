@@ -6,17 +6,16 @@
 //! A pixel x is occupied with p = (255 − x) / 255: above `occupied_thresh` it is a wall, below `free_thresh` it is free.
 //! Unknown 205 has p = 0.19608, so `free_thresh` is 0.196, as ROS's map_saver writes it.
 
-use std::io;
 use std::path::Path;
 
 use crate::maps::occupancy::{Occupancy, Raster};
-use crate::output::write_file;
+use crate::output::save_file;
 
 /// Longer side of `map.pgm`, pixels, at most; 0.05 m to a pixel that is 800 m.
 pub const PGM_SIDE_MAX: u32 = 16_000;
 
 /// The image as a binary PGM file.
-pub fn pgm(raster: &Raster) -> Vec<u8> {
+fn pgm(raster: &Raster) -> Vec<u8> {
     let mut bytes = format!("P5\n{} {}\n255\n", raster.width, raster.height).into_bytes();
     bytes.extend(raster.pixels.iter().map(|occupancy| match occupancy {
         Occupancy::Free => 254,
@@ -27,7 +26,7 @@ pub fn pgm(raster: &Raster) -> Vec<u8> {
 }
 
 /// The YAML file beside the image `image`.
-pub fn yaml(raster: &Raster, image: &str) -> String {
+fn yaml(raster: &Raster, image: &str) -> String {
     let (x, y) = raster.origin_m;
     let size = raster.pixel_size_m;
     format!(
@@ -36,13 +35,14 @@ pub fn yaml(raster: &Raster, image: &str) -> String {
     )
 }
 
-/// Writes `map.pgm` and `map.yaml` into `folder`.
+/// Writes `{name}.pgm` and `{name}.yaml` into `folder`.
 ///
 /// # Errors
-/// If writing fails.
-pub fn write_map(folder: &Path, raster: &Raster) -> io::Result<()> {
-    write_file(&folder.join("map.pgm"), &pgm(raster))?;
-    write_file(&folder.join("map.yaml"), yaml(raster, "map.pgm").as_bytes())
+/// If a file cannot be written; it is named.
+pub fn write_map(folder: &Path, name: &str, raster: &Raster) -> anyhow::Result<()> {
+    let image = format!("{name}.pgm");
+    save_file(&folder.join(&image), &pgm(raster))?;
+    save_file(&folder.join(format!("{name}.yaml")), yaml(raster, &image).as_bytes())
 }
 
 #[cfg(test)]

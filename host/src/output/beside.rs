@@ -18,37 +18,15 @@ pub(super) const OLD: &str = "lrfslam-old";
 pub(super) const GROWING: [&str; 2] = [RECORDING, "robot.journal"];
 
 /// All names that commands give to results: these may be replaced, nothing else.
-pub(super) const RESULTS: [&str; 29] = [
-    "cloud.json",
-    "cloud.pcd",
-    "cloud.ply",
-    "cloud.png",
-    "distribution.svg",
-    "errors.csv",
-    "errors.md",
-    "errors.svg",
-    "findings.md",
-    "laser.rec",
-    "localization.csv",
-    "localization.png",
-    "loop.csv",
-    "loop.md",
-    "map.lrfslam",
-    "map.pgm",
-    "map.png",
-    "map.yaml",
-    "motion-model.json",
-    "path.png",
-    "report.json",
-    "robot-map.pgm",
-    "robot-map.yaml",
-    "robot.journal",
-    "robot.tum",
-    "run.json",
-    "steps.csv",
-    "trajectory.tum",
-    "truth.tum",
-];
+const RESULTS: &str = "cloud.json cloud.pcd cloud.ply cloud.png distribution.svg errors.csv errors.md errors.svg \
+    findings.md laser.rec localization.csv localization.png loop.csv loop.md map.lrfslam map.pgm map.png map.yaml \
+    motion-model.json path.png report.json robot-map.pgm robot-map.yaml robot.journal robot.tum run.json steps.csv \
+    trajectory.tum truth.tum";
+
+/// True for a name that commands give to a result.
+pub(super) fn is_result(name: &str) -> bool {
+    RESULTS.split_whitespace().any(|result| result == name)
+}
 
 /// `DIR` and "part" → `DIR.part`, beside it.
 pub(super) fn sibling(place: &Path, ending: &str) -> PathBuf {
@@ -139,7 +117,7 @@ pub(super) fn retire(old: &Path, place: &Path) -> io::Result<()> {
     };
     for name in names {
         let from = old.join(&name);
-        if RESULTS.contains(&name.strip_suffix(".part").unwrap_or(&name)) {
+        if is_result(name.strip_suffix(".part").unwrap_or(&name)) {
             fs::remove_file(from)?;
         } else {
             fs::rename(from, place.join(name))?;

@@ -4,6 +4,9 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
+use anyhow::Context as _;
+use serde::Serialize;
+
 /// A file under way. Dropped without [`finish`](Self::finish), it is gone, and what was there before is still there.
 #[derive(Debug)]
 pub struct PendingFile {
@@ -73,6 +76,39 @@ pub fn write_file(target: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = PendingFile::create(target)?;
     file.write_all(bytes)?;
     file.finish()
+}
+
+/// Writes a file by `write`, whole or not at all.
+///
+/// # Errors
+/// As [`write_file`]; the error names the file.
+pub fn save_by(target: &Path, write: impl FnOnce(&mut PendingFile) -> io::Result<()>) -> anyhow::Result<()> {
+    let written = PendingFile::create(target).and_then(|mut file| {
+        write(&mut file)?;
+        file.finish()
+    });
+    written.with_context(|| cannot_write(target))
+}
+
+/// Writes `bytes` as the file `target`.
+///
+/// # Errors
+/// As [`write_file`]; the error names the file.
+pub fn save_file(target: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    save_by(target, |file| file.write_all(bytes))
+}
+
+/// Writes `report` as the file `target`, in JSON for people.
+///
+/// # Errors
+/// As [`save_file`], or if the report is none in JSON.
+pub fn save_json(target: &Path, report: &impl Serialize) -> anyhow::Result<()> {
+    save_file(target, (serde_json::to_string_pretty(report)? + "\n").as_bytes())
+}
+
+/// What an error says of a file.
+pub fn cannot_write(file: &Path) -> String {
+    format!("{}: cannot be written", file.display())
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant, SystemTime};
 use anyhow::{Context as _, bail, ensure};
 
 use super::beside::{
-    GROWING, NEW, OLD, RESULTS, change_places, clear, ensure_replaceable, free_sibling, names_in, parts, put_back,
+    GROWING, NEW, OLD, change_places, clear, ensure_replaceable, free_sibling, is_result, names_in, parts, put_back,
     retire, sibling, sync_folder,
 };
 
@@ -103,7 +103,7 @@ impl ResultFolder {
                 place.display(),
                 names[0]
             );
-            if let Some(foreign) = names.iter().find(|name| !RESULTS.contains(&name.as_str())) {
+            if let Some(foreign) = names.iter().find(|name| !is_result(name)) {
                 bail!(
                     "{}: holds {foreign}, which is no result of lrfslam: not replaced; name another folder by --out",
                     place.display()

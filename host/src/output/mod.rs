@@ -4,5 +4,5 @@ mod beside;
 mod file;
 mod folder;
 
-pub use file::{PendingFile, write_file};
+pub use file::{PendingFile, cannot_write, save_by, save_file, save_json, write_file};
 pub use folder::{RECORDING, ResultFolder, shown};

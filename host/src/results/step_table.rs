@@ -4,13 +4,12 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration as WallDuration;
 
-use anyhow::Context as _;
 use lrfslam_core::low_slam::FilterReport;
 use lrfslam_core::time::Instant;
 use serde::Serialize;
 
 use crate::mapping::mapper::StageTimes;
-use crate::output::write_file;
+use crate::output::save_file;
 
 const HEADER: &str = "scan,stamp_s,effective_sample_size,particles,resampled,nodes,depth,tiles,dropped,squares_left_out,\
                       rays_cut,matching_us,weighing_us,printing_us\n";
@@ -107,6 +106,6 @@ impl StepTable {
             return Ok(());
         }
         let text = format!("{HEADER}{}", self.text);
-        write_file(file, text.as_bytes()).with_context(|| format!("{}: cannot be written", file.display()))
+        save_file(file, text.as_bytes())
     }
 }

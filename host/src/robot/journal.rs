@@ -13,6 +13,7 @@ use lrfslam_robot::wire::frame::{FrameDecoder, MAX_FRAME, encode};
 use lrfslam_robot::wire::session::{Packet, Progress, VERSION};
 
 use super::client::Told;
+use crate::output::cannot_write;
 
 /// Its name in the folder of results.
 pub const JOURNAL: &str = "robot.journal";
@@ -34,8 +35,8 @@ impl Journal {
     /// If it cannot be written.
     pub fn create(path: &Path) -> anyhow::Result<Self> {
         let made = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-        let mut file = made.and_then(|()| File::create(path)).with_context(|| unwritable(path))?;
-        file.write_all(magic().as_bytes()).with_context(|| unwritable(path))?;
+        let mut file = made.and_then(|()| File::create(path)).with_context(|| cannot_write(path))?;
+        file.write_all(magic().as_bytes()).with_context(|| cannot_write(path))?;
         Ok(Self { file })
     }
 
@@ -60,8 +61,8 @@ impl Journal {
             take(Told { at: Progress { epoch, next: sequence }, bytes: message });
             good += taken;
         }
-        let file = OpenOptions::new().append(true).open(path).with_context(|| unwritable(path))?;
-        file.set_len(good as u64).with_context(|| unwritable(path))?;
+        let file = OpenOptions::new().append(true).open(path).with_context(|| cannot_write(path))?;
+        file.set_len(good as u64).with_context(|| cannot_write(path))?;
         Ok(Self { file })
     }
 
@@ -77,11 +78,6 @@ impl Journal {
         self.file.write_all(encode(payload, &mut memory).ok_or_else(too_long)?)
     }
 }
-
-fn unwritable(path: &Path) -> String {
-    format!("{}: cannot be written", path.display())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

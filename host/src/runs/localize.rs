@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::time::Instant;
@@ -12,7 +11,7 @@ use serde::Serialize;
 use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerConfig, LocalizerMemory, Located, ON_WALLS_MIN};
 use crate::maps::occupancy::{MapConfig, OccupancyMap};
 use crate::maps::picture::{PictureNotes, write_picture};
-use crate::output::write_file;
+use crate::output::{save_file, save_json};
 use crate::program::Program;
 use crate::results::report::{Ending, Source};
 use crate::trajectory::{TimedPose, write_trajectory};
@@ -135,32 +134,18 @@ impl<'m> LocalizeRun<'m> {
         // Poses from a start that the laser never confirmed are none.
         let path = if after.is_some() { &self.path[..] } else { &[] };
         write_trajectory(&folder.join("trajectory.tum"), path)?;
-        let text = serde_json::to_string_pretty(&report)? + "\n";
-        for (name, text) in [("localization.csv", &self.table), ("run.json", &text)] {
-            let file = folder.join(name);
-            write_file(&file, text.as_bytes()).with_context(|| format!("{}: cannot be written", file.display()))?;
+        save_file(&folder.join("localization.csv"), self.table.as_bytes())?;
+        save_json(&folder.join("run.json"), &report)?;
+        // The path over the map that it was found in.
+        let mut drawn = OccupancyMap::new(*drawing);
+        self.map.draw(&mut drawn);
+        if let Some(raster) = drawn.raster(drawing.picture_px) {
+            let (has_times, found_after_s) = (report.source.has_times(), after.unwrap_or(0.0));
+            let notes = PictureNotes { truth: &[], has_times, found_after_s };
+            write_picture(&folder.join(PICTURE), &raster, path, &notes)?;
         }
-        let picture = folder.join(PICTURE);
-        let (has_times, found_after_s) = (report.source.has_times(), report.first_found_after_s.unwrap_or(0.0));
-        let notes = PictureNotes { truth: &[], has_times, found_after_s };
-        draw(self.map, path, drawing, &notes, &picture)
-            .with_context(|| format!("{}: cannot be written", picture.display()))?;
         Ok(report)
     }
-}
-
-/// The path over the map that it was found in.
-fn draw(
-    map: &KnownMap,
-    poses: &[TimedPose],
-    drawing: &MapConfig,
-    notes: &PictureNotes<'_>,
-    file: &Path,
-) -> std::io::Result<()> {
-    let mut drawn = OccupancyMap::new(*drawing);
-    map.draw(&mut drawn);
-    let Some(raster) = drawn.raster(drawing.picture_px) else { return Ok(()) };
-    write_picture(file, &raster, poses, notes)
 }
 
 fn push_row(table: &mut String, located: &Located) {

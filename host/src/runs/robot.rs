@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::map::{About, Run};
 use crate::mapping::MappingConfig;
 use crate::mapping::high::HighCounts;
-use crate::maps::io::{PGM_SIDE_MAX, pgm, yaml};
-use crate::output::{ResultFolder, write_file};
+use crate::maps::io::{PGM_SIDE_MAX, write_map};
+use crate::output::{ResultFolder, cannot_write};
 use crate::results::report::{Ending, RobotCounts, RunReport, Source};
 use crate::robot::{JOURNAL, Journal, RobotMap, Told};
 
@@ -88,7 +88,7 @@ impl<C: Serialize + Clone> RobotRun<C> {
     pub fn take(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
         let stored = self.journal.add(told);
         self.hear(told)?;
-        stored.with_context(|| format!("{}: cannot be written", self.folder.named().join(JOURNAL).display()))
+        stored.with_context(|| cannot_write(&self.folder.named().join(JOURNAL)))
     }
 
     fn hear(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
@@ -141,13 +141,11 @@ impl<C: Serialize + Clone> RobotRun<C> {
         let source = Source::Robot { port: port.to_owned(), robot: self.counts(damaged_frames) };
         let (config, fault) = (self.config.clone(), fault.map(|error| format!("{error:#}")));
         let about = About { config, source, odometry: false, ending, fault };
-        let robot_map = self.robot_map();
+        let drawn = self.map().draw(self.mapping.slam.particle_map.square_size_m, &self.mapping.map);
+        let raster = drawn.raster(PGM_SIDE_MAX);
         let run = &mut self.run;
         self.folder.save(|stage| {
-            for (name, bytes) in &robot_map {
-                let file = stage.join(name);
-                write_file(&file, bytes).with_context(|| format!("{}: cannot be written", file.display()))?;
-            }
+            raster.iter().try_for_each(|raster| write_map(stage, "robot-map", raster))?;
             run.write_into(stage, &about)
         })
     }
@@ -181,13 +179,5 @@ impl<C: Serialize + Clone> RobotRun<C> {
             restarts,
             damaged_frames,
         }
-    }
-
-    /// The map as the robot has it: of its best particle, in its squares.
-    fn robot_map(&self) -> Vec<(&'static str, Vec<u8>)> {
-        let map = self.map().draw(self.mapping.slam.particle_map.square_size_m, &self.mapping.map);
-        map.raster(PGM_SIDE_MAX).map_or(Vec::new(), |raster| {
-            vec![("robot-map.pgm", pgm(&raster)), ("robot-map.yaml", yaml(&raster, "robot-map.pgm").into_bytes())]
-        })
     }
 }

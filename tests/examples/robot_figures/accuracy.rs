@@ -9,7 +9,7 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_host::mapping::mapper::Mapper;
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::read_trajectory;
-use lrfslam_robot::{CompactPools, LaserConfig, Mapping, RobotConfig, StandardPools};
+use lrfslam_robot::{CompactPools, LaserConfig, Mapping, Pools, RobotConfig, StandardPools};
 use lrfslam_tests::robot_rig::Tally;
 
 use crate::{MappedPath, compact, map, mounting, read, thinned};

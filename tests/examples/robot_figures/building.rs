@@ -14,7 +14,7 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use lrfslam_app::config::RunConfig;
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_firmware_sim::virtual_lrf::RecordedLaser;
+use lrfslam_firmware_sim::virtual_lrf::SensorModel;
 use lrfslam_firmware_sim::virtual_lrf::recording::RecordedScan;
 use lrfslam_host::output::ResultFolder;
 use lrfslam_host::results::report::Ending;
@@ -158,10 +158,10 @@ fn memory(args: &BuildingArgs) -> MakeMemory {
 }
 
 /// The laser that took the log, and what the robot is told of it.
-fn laser(log: &Path, scans: &[LogScan], room: usize) -> anyhow::Result<(RecordedLaser, LaserConfig)> {
+fn laser(log: &Path, scans: &[LogScan], room: usize) -> anyhow::Result<(SensorModel, LaserConfig)> {
     let first = scans.first().with_context(|| format!("{}: no scan", log.display()))?;
     let range_max_m = scans.iter().map(|scan| scan.range_max_m).fold(0.0, f32::max);
-    let laser = RecordedLaser::of(&first.beams, range_max_m).with_context(|| {
+    let laser = SensorModel::of(&first.beams, range_max_m).with_context(|| {
         let bearing_deg = |beam: Option<&lrfslam_core::scan::Beam>| beam.map_or(0.0, |beam| beam.bearing_rad.to_degrees());
         format!(
             "{}: line {}: {} beams from {:.2}° to {:.2}°, expected those of a SICK LMS2xx (within 100° or 180°, every 0.25°, 0.5° or 1°) or of a URG-04LX (within 240°, every 360°/1024)",
@@ -174,8 +174,8 @@ fn laser(log: &Path, scans: &[LogScan], room: usize) -> anyhow::Result<(Recorded
     })?;
     let cluster = first.beams.len().div_ceil(room.max(1)) as u8;
     let wanted = match laser {
-        RecordedLaser::Sick(_) => LaserConfig { family: LaserFamily::Sick, baud: SICK_BAUD, cluster: 1 },
-        RecordedLaser::Hokuyo(_) => LaserConfig { family: LaserFamily::Hokuyo, baud: 0, cluster },
+        SensorModel::Sick(_) => LaserConfig { family: LaserFamily::Sick, baud: SICK_BAUD, cluster: 1 },
+        SensorModel::Hokuyo(_) => LaserConfig { family: LaserFamily::Hokuyo, baud: 0, cluster },
     };
     Ok((laser, wanted))
 }

@@ -8,7 +8,7 @@ use anyhow::{Context as _, ensure};
 use lrfslam_app::config::RunConfig;
 use lrfslam_core::scan::RangeScan;
 use lrfslam_host::scans::log::LogScan;
-use lrfslam_robot::{CompactPools, Mapping, RobotConfig, StandardPools};
+use lrfslam_robot::{CompactPools, Mapping, Pools, RobotConfig, StandardPools};
 use lrfslam_tests::mcu::Mcu;
 
 use crate::{compact, map, mounting, read, thinned};

@@ -4,8 +4,7 @@ use lrfslam_core::ancestry::Node;
 use lrfslam_core::distributed_map::{Tile, TileHeader, TileId};
 use lrfslam_core::ndt::{DirectoryEntry, NdtTile};
 use lrfslam_core::particles::{Particle, Sample};
-use lrfslam_firmware_sim::robot_process::Memory;
-use lrfslam_robot::{CompactPools, LargePools, RobotMemory, StandardPools};
+use lrfslam_robot::{CompactPools, LargePools, Pools, RobotMemory, StandardPools};
 
 /// Builds of the robot.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -81,8 +80,8 @@ fn many<T: Clone>(value: T, count: usize) -> &'static mut [T] {
     Box::leak(vec![value; count].into_boxed_slice())
 }
 
-fn leaked<M: Memory>() -> RobotMemory<'static> {
-    Box::leak(M::boxed()).lend()
+fn leaked<M: Pools + 'static>() -> RobotMemory<'static> {
+    Box::leak(Box::new(M::EMPTY)).lend()
 }
 
 impl Build {

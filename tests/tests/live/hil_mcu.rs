@@ -10,7 +10,7 @@ use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
 use lrfslam_robot::wire::message::{ScanPose, Segment};
-use lrfslam_robot::{LaserConfig, LaserFamily, Mapping, RobotConfig, StandardPools};
+use lrfslam_robot::{LaserConfig, LaserFamily, Mapping, Pools, RobotConfig, StandardPools};
 use lrfslam_tests::mcu::{Drive, Mcu, drive, scans_on};
 
 /// What `mapping` makes of the scans on the line, at the times that the robot gave them.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_firmware_sim::virtual_lrf::RecordedLaser;
+use lrfslam_firmware_sim::virtual_lrf::SensorModel;
 use lrfslam_firmware_sim::virtual_lrf::recording::RecordedScan;
 use lrfslam_host::robot::{Sweeps, Told};
 use lrfslam_host::scans::log::{LogOptions, LogReader, LogScan};
@@ -56,10 +56,10 @@ fn log(path: &Path) -> Vec<LogScan> {
 
 /// What the host hears of them.
 fn heard(scans: &[LogScan]) -> Vec<ScanHeard> {
-    let laser = RecordedLaser::of(&scans[0].beams, scans[0].range_max_m).expect("a laser that is known");
+    let laser = SensorModel::of(&scans[0].beams, scans[0].range_max_m).expect("a laser that is known");
     let wanted = match laser {
-        RecordedLaser::Sick(_) => LaserConfig { family: LaserFamily::Sick, baud: 500_000, cluster: 1 },
-        RecordedLaser::Hokuyo(_) => LaserConfig { family: LaserFamily::Hokuyo, baud: 0, cluster: 1 },
+        SensorModel::Sick(_) => LaserConfig { family: LaserFamily::Sick, baud: 500_000, cluster: 1 },
+        SensorModel::Hokuyo(_) => LaserConfig { family: LaserFamily::Hokuyo, baud: 0, cluster: 1 },
     };
     let report = ReportConfig { sweep_distance_m: 0.0, sweep_rotation_deg: 0.0 };
     let config = RobotConfig { laser: wanted, report, ..RobotConfig::default() };

@@ -121,6 +121,21 @@ pub enum Command {
 /// Text of a command, without line feed.
 pub type CommandText = heapless::Vec<u8, MAX_COMMAND>;
 
+/// Commands without arguments.
+const SIMPLE: [(Command, &[u8]); 11] = [
+    (Command::Version, b"VV"),
+    (Command::Parameters, b"PP"),
+    (Command::Information, b"II"),
+    (Command::LaserOn, b"BM"),
+    (Command::Quit, b"QT"),
+    (Command::Reset, b"RS"),
+    (Command::ResetKeepingRate, b"RT"),
+    (Command::Reboot, b"RB"),
+    (Command::State, b"%ST"),
+    (Command::Sleep, b"%SL"),
+    (Command::SwitchToScip2, b"SCIP2.0"),
+];
+
 impl Command {
     /// The command as text, without line feed.
     pub fn emit(&self) -> CommandText {
@@ -154,27 +169,9 @@ impl Command {
                 put(b"DB");
                 put(&digits::<2>(u32::from(kind)));
             }
-            Command::SwitchToScip2 => put(b"SCIP2.0"),
-            simple => put(simple.mnemonic()),
+            simple => SIMPLE.iter().filter(|(command, _)| *command == simple).for_each(|(_, text)| put(text)),
         }
         text
-    }
-
-    /// The letters of a command without arguments; empty for the others.
-    fn mnemonic(&self) -> &'static [u8] {
-        match self {
-            Command::Version => b"VV",
-            Command::Parameters => b"PP",
-            Command::Information => b"II",
-            Command::LaserOn => b"BM",
-            Command::Quit => b"QT",
-            Command::Reset => b"RS",
-            Command::ResetKeepingRate => b"RT",
-            Command::Reboot => b"RB",
-            Command::State => b"%ST",
-            Command::Sleep => b"%SL",
-            _ => b"",
-        }
     }
 
     /// Reads a command line, without line feed and without the `;string` part (see [`split_tag`]).
@@ -183,23 +180,8 @@ impl Command {
     /// The status with which a sensor answers: `0E` undefined, `0C`/`0D` too short or long, 01..07 for arguments that are no
     /// numbers. Whether the numbers suit the model is for the sensor to say.
     pub fn parse(line: &[u8]) -> Result<Command, Status> {
-        let simple = [
-            Command::Version,
-            Command::Parameters,
-            Command::Information,
-            Command::LaserOn,
-            Command::Quit,
-            Command::Reset,
-            Command::ResetKeepingRate,
-            Command::Reboot,
-            Command::State,
-            Command::Sleep,
-        ];
-        if let Some(command) = simple.into_iter().find(|command| command.mnemonic() == line) {
-            return Ok(command);
-        }
-        if line == b"SCIP2.0" {
-            return Ok(Command::SwitchToScip2);
+        if let Some((command, _)) = SIMPLE.iter().find(|(_, text)| *text == line) {
+            return Ok(*command);
         }
         let (letters, arguments) = line.split_at_checked(2).ok_or(Status::UNDEFINED)?;
         match letters {
@@ -233,9 +215,7 @@ impl Command {
 /// # Errors
 /// `0G` for a string over 16 characters, `0H` for one with a character not allowed.
 pub fn split_tag(line: &[u8]) -> Result<(&[u8], Option<&[u8]>), Status> {
-    let Some(at) = line.iter().position(|byte| *byte == b';') else {
-        return Ok((line, None));
-    };
+    let Some(at) = line.iter().position(|byte| *byte == b';') else { return Ok((line, None)) };
     let (command, tag) = line.split_at_checked(at).unwrap_or((line, b""));
     let tag = tag.get(1..).unwrap_or(b"");
     if tag.len() > MAX_TAG {
@@ -287,9 +267,7 @@ fn parse_acquire(letters: &[u8], arguments: &[u8]) -> Result<Acquire, Status> {
 }
 
 fn parse_stream(letters: &[u8], arguments: &[u8]) -> Result<Command, Status> {
-    let Some((acquire, rest)) = arguments.split_at_checked(10) else {
-        return Err(Status::TOO_SHORT);
-    };
+    let Some((acquire, rest)) = arguments.split_at_checked(10) else { return Err(Status::TOO_SHORT) };
     if rest.len() < 3 {
         return Err(Status::TOO_SHORT);
     }

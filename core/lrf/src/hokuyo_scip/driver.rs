@@ -13,10 +13,11 @@ use super::decoder::ScipDecoder;
 use super::parameters::SensorParameters;
 use super::reply::Reply;
 use crate::clock::{ClockOffset, PERIOD_24_BIT_MS, StampUnwrapper};
-use crate::dialogue::{DialogueBase, Patience, wire_time};
-use crate::driver::{BaudPolicy, Cause, Counters, Input, LrfDriver, Output, Step};
+use crate::dialogue::{DialogueBase, ScanMemory, State};
+use crate::driver::{BaudPolicy, Counters, Input, LrfDriver, Output, Step};
+use crate::session::{Question, Session};
+use lrfslam_scan::Beam;
 use lrfslam_scan::time::{Duration, Instant};
-use lrfslam_scan::{Beam, RangeScan};
 
 /// Bytes that hold any frame of a UTM-30LX, with intensities: the frame memory to lend.
 pub const FRAME_MEMORY: usize = 7168;
@@ -55,8 +56,9 @@ impl Default for HokuyoConfig {
 }
 
 /// What a reply is awaited to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Ask {
+    #[default]
     Quit,
     SwitchToScip2,
     LeaveTime,
@@ -73,7 +75,9 @@ enum Ask {
     Stop,
 }
 
-impl Ask {
+impl Question for Ask {
+    const STOP: Self = Ask::Stop;
+
     fn step(self) -> Step {
         match self {
             Ask::Quit | Ask::SwitchToScip2 | Ask::LeaveTime => Step::Find,
@@ -102,21 +106,6 @@ impl Ask {
     }
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
-    /// No port, or stopped.
-    Idle,
-    /// Waiting before the next look for the sensor.
-    BackOff,
-    /// A line feed was sent, which ends half a command; listening until it is silent.
-    Flush,
-    /// A command was sent.
-    Asking(Ask),
-    /// The rate was changed: both sides settle.
-    Settle,
-    Streaming,
-}
-
 /// Driver for SCIP sensors over any byte link.
 #[derive(Debug)]
 pub struct HokuyoDriver<'a> {
@@ -128,16 +117,12 @@ pub struct HokuyoDriver<'a> {
 #[derive(Debug)]
 struct Dialogue<'a> {
     config: HokuyoConfig,
-    base: DialogueBase,
-    state: State,
-    attempts_left: u8,
+    base: DialogueBase<Ask>,
     sent_at: Instant,
     frame_began: Instant,
-    bad_in_a_row: u8,
 
     /// The sensor is on USB, where the rate means nothing.
     is_usb: bool,
-    raise_failures: u8,
     detours: u8,
     noise: LineNoise,
 
@@ -146,9 +131,7 @@ struct Dialogue<'a> {
     stamps: StampUnwrapper,
     offset: ClockOffset,
 
-    beams: &'a mut [Beam],
-    scan_len: usize,
-    scan_stamp: Instant,
+    memory: ScanMemory<'a>,
 }
 
 /// Tells a wrong rate by what is no text.
@@ -179,22 +162,16 @@ impl<'a> HokuyoDriver<'a> {
         let dialogue = Dialogue {
             config,
             base: DialogueBase::default(),
-            state: State::Idle,
-            attempts_left: 0,
             sent_at: Instant::default(),
             frame_began: Instant::default(),
-            bad_in_a_row: 0,
             is_usb: false,
-            raise_failures: 0,
             detours: 0,
             noise: LineNoise::default(),
             parameters: None,
             acquire: Acquire { encoding: config.encoding, multi_echo: false, first: 0, last: 0, cluster: 1 },
             stamps: StampUnwrapper::new(PERIOD_24_BIT_MS),
             offset: ClockOffset::default(),
-            beams,
-            scan_len: 0,
-            scan_stamp: Instant::default(),
+            memory: ScanMemory::new(beams),
         };
         Self { decoder: ScipDecoder::new(frame), dialogue }
     }
@@ -209,29 +186,15 @@ impl LrfDriver for HokuyoDriver<'_> {
     fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
         match input {
             Input::Bytes(bytes) => return self.take(now, bytes),
-            Input::Timeout if self.dialogue.base.patience.is_over(now) => self.dialogue.on_timeout(now),
-            Input::Timeout => {}
-            Input::Connected => {
-                self.decoder.forget();
-                self.dialogue.on_connected(now);
-            }
-            Input::Disconnected => {
-                self.decoder.forget();
-                self.dialogue.on_disconnected();
-            }
-            Input::Stop => self.dialogue.on_stop(now),
+            Input::Connected | Input::Disconnected => self.decoder.forget(),
+            Input::Timeout | Input::Stop => {}
         }
+        self.dialogue.on_input(now, input);
         0
     }
 
     fn poll_output(&mut self) -> Output<'_> {
-        let dialogue = &mut self.dialogue;
-        let range_max_m = dialogue.base.identity.range_max_m;
-        dialogue.base.poll_output(|| RangeScan {
-            stamp: dialogue.scan_stamp,
-            range_max_m,
-            beams: dialogue.beams.get(..dialogue.scan_len).unwrap_or(&[]),
-        })
+        self.dialogue.base.poll_output(|| self.dialogue.memory.scan())
     }
 
     fn counters(&self) -> Counters {
@@ -264,7 +227,7 @@ impl HokuyoDriver<'_> {
 
 impl Dialogue<'_> {
     fn on_frame(&mut self, now: Instant, frame: &[u8]) {
-        match self.state {
+        match self.base.state {
             State::Asking(ask) => {
                 let command = self.command(ask).emit();
                 match Reply::find(frame, &command, command.len()) {
@@ -274,50 +237,8 @@ impl Dialogue<'_> {
                 }
             }
             State::Streaming => self.on_scan_frame(now, frame),
-            State::Idle | State::BackOff | State::Flush | State::Settle => {}
+            State::Idle | State::BackOff | State::Pausing(_) => {}
         }
-    }
-
-    fn on_timeout(&mut self, now: Instant) {
-        match self.state {
-            State::Idle => self.base.patience = Patience::FOREVER,
-            State::BackOff => self.find(now),
-            State::Flush => self.ask(now, Ask::Quit),
-            State::Settle => self.ask(now, Ask::VerifyRate),
-            State::Asking(ask) if self.attempts_left > 0 => {
-                self.attempts_left -= 1;
-                self.send(now, ask);
-            }
-            State::Asking(ask) => self.on_no_reply(now, ask),
-            State::Streaming => self.restart(now, Step::Stream, Cause::Silent, ""),
-        }
-    }
-
-    /// Sends the command of `ask`, and awaits its reply.
-    fn ask(&mut self, now: Instant, ask: Ask) {
-        self.attempts_left = match ask {
-            Ask::Quit => u8::from(self.base.rate_index == 0),
-            _ => 2,
-        };
-        self.state = State::Asking(ask);
-        self.send(now, ask);
-    }
-
-    fn send(&mut self, now: Instant, ask: Ask) {
-        let command = self.command(ask).emit();
-        let mut line: heapless::Vec<u8, 24> = heapless::Vec::new();
-        // The line feed before ends what is left of a damaged command; an empty line is ignored.
-        let _ = line.push(b'\n');
-        let _ = line.extend_from_slice(&command);
-        let _ = line.push(b'\n');
-        self.base.outbox.transmit(&line);
-        self.sent_at = now;
-        self.base.patience = Patience::new(now, self.reply_wait(), Duration::from_millis(3000));
-    }
-
-    /// A sensor answers at its next turn (100 ms for the slowest), and the longest reply has 250 bytes.
-    fn reply_wait(&self) -> Duration {
-        Duration::from_micros(400_000 + wire_time(250, self.line_baud()).micros)
     }
 
     /// The rate that bytes travel at, bit/s; 0 if it means nothing.
@@ -339,12 +260,6 @@ impl Dialogue<'_> {
             Ask::LaserOn => Command::LaserOn,
             Ask::Stream => Command::Stream { acquire: self.acquire, interval: self.config.interval, count: 0 },
         }
-    }
-
-    /// Reports trouble and begins anew after a while.
-    fn restart(&mut self, now: Instant, step: Step, cause: Cause, sent: &'static str) {
-        self.base.begin_anew(now, step, cause, sent);
-        self.state = State::BackOff;
     }
 }
 

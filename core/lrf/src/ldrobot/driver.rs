@@ -2,7 +2,7 @@
 
 use super::packet::{POINTS, Packet, PacketDecoder, STAMP_PERIOD_MS};
 use crate::clock::{ClockOffset, Stamp, StampUnwrapper};
-use crate::dialogue::{DialogueBase, Patience, Pending, wire_time};
+use crate::dialogue::{DialogueBase, Pending, State, wire_time};
 use crate::driver::{BaudRates, Cause, Counters, Identity, Input, LrfDriver, Output, Step};
 use crate::turn::{Sample, TurnAssembler, sample_time};
 use lrfslam_scan::time::{Duration, Instant};
@@ -21,19 +21,19 @@ const SILENCE: Duration = Duration::from_millis(2000);
 /// The sensor counts whole milliseconds; more difference than this from one packet to the next is a lost packet.
 const MAX_STEP_MS: i64 = 6;
 
+/// What it does instead of asking.
+const LISTENING: State<()> = State::Asking(());
+
 /// Driver for LD06 and LD19.
 #[derive(Debug)]
 pub struct LdrobotDriver<'a> {
     decoder: PacketDecoder,
-    base: DialogueBase,
+    base: DialogueBase<()>,
     turns: TurnAssembler<'a>,
-    connected: bool,
-    streaming: bool,
     latency: Duration,
     stamps: StampUnwrapper,
     offset: ClockOffset,
     last_ms: i64,
-    damaged_before: u32,
     packet_began: Instant,
 }
 
@@ -46,13 +46,10 @@ impl<'a> LdrobotDriver<'a> {
             decoder: PacketDecoder::default(),
             base: DialogueBase { rates: BaudRates::new([BAUD]), ..DialogueBase::default() },
             turns: TurnAssembler::new(beams),
-            connected: false,
-            streaming: false,
             latency,
             stamps: StampUnwrapper::new(STAMP_PERIOD_MS),
             offset: ClockOffset::default(),
             last_ms: 0,
-            damaged_before: 0,
             packet_began: Instant::default(),
         }
     }
@@ -62,14 +59,14 @@ impl<'a> LdrobotDriver<'a> {
         self.turns.forget();
         self.stamps = StampUnwrapper::new(STAMP_PERIOD_MS);
         self.offset = ClockOffset::default();
-        self.streaming = false;
         self.base.set_rate();
-        self.base.patience = Patience::new(now, SILENCE, SILENCE);
+        self.base.state = LISTENING;
+        self.base.wait(now, SILENCE);
     }
 
     fn take(&mut self, now: Instant, bytes: &[u8]) -> usize {
         let mut taken = 0;
-        while self.base.outbox.is_empty() && self.connected {
+        while self.base.outbox.is_empty() && self.base.state != State::Idle {
             let rest = bytes.get(taken..).unwrap_or(b"");
             if rest.is_empty() {
                 return taken;
@@ -79,15 +76,14 @@ impl<'a> LdrobotDriver<'a> {
             }
             let (count, packet) = self.decoder.feed(rest);
             taken += count;
-            if self.decoder.damaged() != self.damaged_before {
-                self.damaged_before = self.decoder.damaged();
+            if self.base.is_damage_new(self.decoder.damaged()) {
                 self.turns.spoil();
             }
             if let Some(packet) = packet {
                 self.on_packet(now, &packet);
             }
         }
-        if self.connected { taken } else { bytes.len() }
+        if self.base.state == State::Idle { bytes.len() } else { taken }
     }
 
     fn on_packet(&mut self, now: Instant, packet: &Packet) {
@@ -96,13 +92,13 @@ impl<'a> LdrobotDriver<'a> {
             Stamp::Reset => return self.restart(now, Cause::Reset),
             Stamp::Stuck => return self.restart(now, Cause::StuckClock),
         };
-        if !self.streaming {
-            self.begin_streaming(packet);
+        if self.base.state != State::Streaming {
+            self.begin_streaming(now, packet);
         } else if !(0..=MAX_STEP_MS).contains(&(stamp_ms - self.last_ms)) {
             self.turns.spoil();
         }
         self.last_ms = stamp_ms;
-        self.base.patience = Patience::new(now, SILENCE, SILENCE);
+        self.base.wait(now, SILENCE);
         let first_byte = Instant::from_micros(now.micros - wire_time(super::packet::PACKET, BAUD).micros);
         let end = self.offset.stamp(self.packet_began.min(first_byte), stamp_ms, Duration::ZERO);
         let each = each_sample(packet);
@@ -116,8 +112,7 @@ impl<'a> LdrobotDriver<'a> {
         }
     }
 
-    fn begin_streaming(&mut self, packet: &Packet) {
-        self.streaming = true;
+    fn begin_streaming(&mut self, now: Instant, packet: &Packet) {
         let period = Duration::from_micros(360_000_000 / i64::from(packet.speed_degps.max(1)));
         self.base.identity = Identity {
             model: heapless::String::try_from("LD06 or LD19").unwrap_or_default(),
@@ -129,11 +124,11 @@ impl<'a> LdrobotDriver<'a> {
         };
         self.base.found();
         self.base.outbox.push(Pending::Identified);
-        self.base.outbox.push(Pending::Streaming(BAUD, period));
+        self.base.begin_streaming(now, BAUD, period, SILENCE);
     }
 
     fn restart(&mut self, now: Instant, cause: Cause) {
-        let step = if self.streaming { Step::Stream } else { Step::Find };
+        let step = if self.base.state == State::Streaming { Step::Stream } else { Step::Find };
         self.base.begin_anew(now, step, cause, "");
         self.listen(now);
     }
@@ -158,26 +153,18 @@ impl LrfDriver for LdrobotDriver<'_> {
     fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
         match input {
             Input::Bytes(bytes) => return self.take(now, bytes),
-            Input::Timeout if self.connected && self.base.patience.is_over(now) => {
-                let cause = if self.streaming { Cause::Silent } else { Cause::NoReply };
+            Input::Timeout if self.base.patience.is_over(now) => {
+                let cause = if self.base.state == State::Streaming { Cause::Silent } else { Cause::NoReply };
                 self.restart(now, cause);
             }
             Input::Timeout => {}
             Input::Connected => {
-                self.connected = true;
                 self.base.back_off.reset();
                 self.listen(now);
             }
-            Input::Disconnected if self.connected => {
-                self.connected = false;
-                self.base.unplugged();
-            }
-            Input::Disconnected => {}
-            Input::Stop => {
-                // It cannot be told to stop.
-                self.connected = false;
-                self.base.stopped(false);
-            }
+            Input::Disconnected => self.base.unplugged(),
+            // It cannot be told to stop.
+            Input::Stop => self.base.stopped(false),
         }
         0
     }

@@ -65,9 +65,7 @@ impl RplidarDecoder {
                 self.drop_front(1);
                 continue;
             }
-            let Some(byte) = bytes.get(taken) else {
-                return (taken, None);
-            };
+            let Some(byte) = bytes.get(taken) else { return (taken, None) };
             if let Some(slot) = self.buffer.get_mut(self.len) {
                 *slot = *byte;
                 self.len += 1;

@@ -3,8 +3,9 @@
 use super::decoder::{DecoderEvent, RplidarDecoder};
 use super::request::Request;
 use super::response::{Capsule, Health, Measured, ResponseKind, parse_sample};
-use crate::dialogue::{DialogueBase, Patience, Pending};
+use crate::dialogue::{DialogueBase, Pending, State};
 use crate::driver::{BaudRates, Cause, Counters, Input, LrfDriver, Output, Step};
+use crate::session::{Question, Session};
 use crate::turn::{Sample, TurnAssembler, sample_time};
 use identity::describe;
 use lrfslam_scan::time::{Duration, Instant};
@@ -38,21 +39,39 @@ pub struct RplidarConfig {
     pub latency: Duration,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
-    /// No port, or stopped.
-    Idle,
-    /// Waiting before the next look for the sensor.
-    BackOff,
-    /// Stop was sent: what is under way comes to an end.
-    Quiet,
-    AskInfo,
-    AskHealth,
-    AskExpress,
-    AskScan,
-    Streaming,
-    /// The last stop was sent.
-    Stopping,
+/// What a reply is awaited to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Ask {
+    #[default]
+    Info,
+    Health,
+    Express,
+    Scan,
+    /// Nothing answers it.
+    Stop,
+}
+
+impl Question for Ask {
+    const STOP: Self = Ask::Stop;
+
+    fn step(self) -> Step {
+        match self {
+            Ask::Info => Step::Find,
+            Ask::Health => Step::Identify,
+            Ask::Express | Ask::Scan => Step::Start,
+            Ask::Stop => Step::Stream,
+        }
+    }
+
+    fn text(self) -> &'static str {
+        match self {
+            Ask::Info => "request 50 (information)",
+            Ask::Health => "request 52 (health)",
+            Ask::Express => "request 82 (express scan)",
+            Ask::Scan => "request 20 (scan)",
+            Ask::Stop => "request 25 (stop)",
+        }
+    }
 }
 
 /// Driver for RPLIDAR A1, A2, A3 and C1.
@@ -65,13 +84,9 @@ pub struct RplidarDriver<'a> {
 #[derive(Debug)]
 struct Dialogue<'a> {
     config: RplidarConfig,
-    base: DialogueBase,
-    state: State,
-    attempts_left: u8,
+    base: DialogueBase<Ask>,
     /// A request was put out: the decoder is to look for its descriptor.
     awaits_descriptor: bool,
-    bad_in_a_row: u8,
-    damaged_before: u32,
     /// The packet before, and when its successor must have begun.
     previous: Option<Capsule>,
     previous_end: Instant,
@@ -84,11 +99,7 @@ impl<'a> RplidarDriver<'a> {
         let dialogue = Dialogue {
             config,
             base: DialogueBase::default(),
-            state: State::Idle,
-            attempts_left: 0,
             awaits_descriptor: false,
-            bad_in_a_row: 0,
-            damaged_before: 0,
             previous: None,
             previous_end: Instant::default(),
             turns: TurnAssembler::new(beams),
@@ -126,13 +137,17 @@ impl<'a> RplidarDriver<'a> {
     }
 }
 
-impl Dialogue<'_> {
-    fn find(&mut self, now: Instant) {
+impl Session for Dialogue<'_> {
+    type Ask = Ask;
+
+    fn base(&mut self) -> &mut DialogueBase<Ask> {
+        &mut self.base
+    }
+
+    fn forget(&mut self) -> BaudRates {
         let known = [self.base.last_good_baud, self.config.baud].into_iter();
         let others = RATES.into_iter().filter(|_| self.config.baud == 0);
-        self.base.rates = BaudRates::new(known.chain(others));
-        self.base.rate_index = 0;
-        self.look(now);
+        BaudRates::new(known.chain(others))
     }
 
     /// Stops whatever runs at this rate, then listens until it is quiet.
@@ -141,82 +156,69 @@ impl Dialogue<'_> {
         self.turns.forget();
         self.previous = None;
         self.base.outbox.transmit(&Request::Stop.emit());
-        self.enter(State::Quiet, now, QUIET);
+        self.base.state = State::Pausing(Ask::Info);
+        self.base.wait(now, QUIET);
         self.awaits_descriptor = true;
     }
 
-    fn enter(&mut self, state: State, now: Instant, wait: Duration) {
-        self.state = state;
-        self.base.patience = Patience::new(now, wait, wait);
+    fn attempts(&self, ask: Ask) -> u8 {
+        u8::from(ask != Ask::Stop)
     }
 
-    fn ask(&mut self, now: Instant, state: State) {
-        self.attempts_left = 1;
-        self.state = state;
-        self.send(now);
-    }
-
-    fn send(&mut self, now: Instant) {
-        let request = match self.state {
-            State::AskInfo => Request::GetInfo,
-            State::AskHealth => Request::GetHealth,
-            State::AskExpress => Request::ExpressScan,
-            State::AskScan => Request::Scan,
-            _ => Request::Stop,
+    fn send(&mut self, now: Instant, ask: Ask) {
+        let request = match ask {
+            Ask::Info => Request::GetInfo,
+            Ask::Health => Request::GetHealth,
+            Ask::Express => Request::ExpressScan,
+            Ask::Scan => Request::Scan,
+            Ask::Stop => return self.send_stop(now),
         };
         self.base.outbox.transmit(&request.emit());
         self.awaits_descriptor = true;
-        self.base.patience = Patience::new(now, REPLY, REPLY);
+        self.base.wait(now, REPLY);
     }
 
-    fn on_timeout(&mut self, now: Instant) {
-        match self.state {
-            State::Idle => self.base.patience = Patience::FOREVER,
-            State::BackOff => self.find(now),
-            State::Quiet => self.ask(now, State::AskInfo),
-            State::Streaming => self.restart(now, Step::Stream, Cause::Silent, ""),
-            State::Stopping => self.stopped(true),
-            _ if self.attempts_left > 0 => {
-                self.attempts_left -= 1;
-                self.send(now);
-            }
-            State::AskInfo => {
-                self.base.rate_index += 1;
-                match self.base.rates.get(self.base.rate_index) {
-                    Some(_) => self.look(now),
-                    None => self.restart(now, Step::Find, Cause::NoReply, "request 50 (information)"),
-                }
-            }
-            State::AskHealth => self.restart(now, Step::Identify, Cause::NoReply, "request 52 (health)"),
+    fn on_no_reply(&mut self, now: Instant, ask: Ask) {
+        match ask {
+            Ask::Info => self.try_next_rate(now),
             // Old firmware has no express mode.
-            State::AskExpress => self.ask(now, State::AskScan),
-            State::AskScan => self.restart(now, Step::Start, Cause::NoReply, "request 20 (scan)"),
+            Ask::Express => self.ask(now, Ask::Scan),
+            Ask::Stop => self.base.stopped(true),
+            Ask::Health | Ask::Scan => self.fail(now, ask, Cause::NoReply),
         }
+    }
+}
+
+impl Dialogue<'_> {
+    /// Neither is answered; the stop is said twice, for it may be damaged on its way.
+    fn send_stop(&mut self, now: Instant) {
+        self.base.outbox.transmit(&Request::Stop.emit());
+        self.base.outbox.transmit(&Request::MotorPower(0).emit());
+        self.base.outbox.transmit(&Request::Stop.emit());
+        self.base.wait(now, QUIET);
     }
 
     fn on_descriptor(&mut self, now: Instant, kind: ResponseKind) {
-        match (self.state, kind) {
-            (State::AskExpress, ResponseKind::Capsule | ResponseKind::DenseCapsule)
-            | (State::AskExpress | State::AskScan, ResponseKind::Sample) => {
-                self.bad_in_a_row = 0;
-                self.enter(State::Streaming, now, SPIN_UP);
-                self.base.outbox.push(Pending::Streaming(self.base.baud, self.base.identity.turn));
+        match (self.base.state, kind) {
+            (State::Asking(Ask::Express), ResponseKind::Capsule | ResponseKind::DenseCapsule)
+            | (State::Asking(Ask::Express | Ask::Scan), ResponseKind::Sample) => {
+                self.base.begin_streaming(now, self.base.baud, self.base.identity.turn, SPIN_UP);
             }
             _ => {}
         }
     }
 
     fn on_response(&mut self, now: Instant, kind: ResponseKind, bytes: &[u8]) {
-        match (self.state, kind) {
-            (State::AskInfo, ResponseKind::Info) => {
+        match (self.base.state, kind) {
+            (State::Asking(Ask::Info), ResponseKind::Info) => {
                 self.base.found();
                 self.base.identity = describe(bytes);
-                self.ask(now, State::AskHealth);
+                self.ask(now, Ask::Health);
             }
-            (State::AskHealth, ResponseKind::Health) => self.on_health(now, bytes),
+            (State::Asking(Ask::Health), ResponseKind::Health) => self.on_health(now, bytes),
             (State::Streaming, ResponseKind::Sample) => {
                 if let Some((measured, _)) = parse_sample(bytes) {
-                    self.base.patience = Patience::new(now, SILENCE, SILENCE);
+                    self.base.wait(now, SILENCE);
                     self.publish(core::iter::once(sample(measured, now)));
                 }
             }
@@ -230,22 +232,22 @@ impl Dialogue<'_> {
             // Only a reset leaves this state.
             self.base.outbox.transmit(&Request::Reset.emit());
             let [code, _] = health.code.to_le_bytes();
-            return self.restart(now, Step::Identify, Cause::HardwareFault([code.max(1), 0]), "request 52 (health)");
+            return self.fail(now, Ask::Health, Cause::HardwareFault([code.max(1), 0]));
         }
         let state = if health.status == 0 { "well" } else { "warning" };
         self.base.identity.state = heapless::String::try_from(state).unwrap_or_default();
         self.base.outbox.push(Pending::Identified);
         self.base.outbox.transmit(&Request::MotorPower(MOTOR_POWER).emit());
-        self.ask(now, State::AskExpress);
+        self.ask(now, Ask::Express);
     }
 
     /// The samples of a packet lie between its start and that of the next.
     fn on_capsule(&mut self, now: Instant, capsule: Capsule) {
-        if self.state != State::Streaming {
+        if self.base.state != State::Streaming {
             return;
         }
-        self.bad_in_a_row = 0;
-        self.base.patience = Patience::new(now, SILENCE, SILENCE);
+        self.base.bad_in_a_row = 0;
+        self.base.wait(now, SILENCE);
         if capsule.starts() {
             self.turns.forget();
             self.previous = None;
@@ -270,46 +272,11 @@ impl Dialogue<'_> {
     }
 
     fn count_damaged(&mut self, now: Instant, damaged: u32) {
-        if damaged == self.damaged_before {
-            return;
-        }
-        self.damaged_before = damaged;
-        if self.state == State::Streaming {
+        if self.base.is_damage_new(damaged) && self.base.state == State::Streaming {
             self.turns.spoil();
             self.previous = None;
-            self.bad_in_a_row += 1;
-            if self.bad_in_a_row >= MAX_BAD {
-                self.restart(now, Step::Stream, Cause::Damaged, "");
-            }
+            self.base.bad_scan(now, MAX_BAD);
         }
-    }
-
-    fn on_stop(&mut self, now: Instant) {
-        if self.state == State::Idle {
-            return self.stopped(false);
-        }
-        // Neither is answered; the stop is said twice, for it may be damaged on its way.
-        self.base.outbox.transmit(&Request::Stop.emit());
-        self.base.outbox.transmit(&Request::MotorPower(0).emit());
-        self.base.outbox.transmit(&Request::Stop.emit());
-        self.enter(State::Stopping, now, QUIET);
-    }
-
-    fn stopped(&mut self, laser_off: bool) {
-        self.base.stopped(laser_off);
-        self.state = State::Idle;
-    }
-
-    fn on_disconnected(&mut self) {
-        if self.state != State::Idle {
-            self.base.unplugged();
-            self.state = State::Idle;
-        }
-    }
-
-    fn restart(&mut self, now: Instant, step: Step, cause: Cause, sent: &'static str) {
-        self.base.begin_anew(now, step, cause, sent);
-        self.state = State::BackOff;
     }
 }
 
@@ -321,24 +288,17 @@ fn sample(measured: Measured, at: Instant) -> Sample {
 
 impl LrfDriver for RplidarDriver<'_> {
     fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
-        match input {
-            Input::Bytes(bytes) => return self.take(now, bytes),
-            Input::Timeout if self.dialogue.base.patience.is_over(now) => self.dialogue.on_timeout(now),
-            Input::Timeout => {}
-            Input::Connected => {
-                self.dialogue.base.back_off.reset();
-                self.dialogue.find(now);
-            }
-            Input::Disconnected => self.dialogue.on_disconnected(),
-            Input::Stop => self.dialogue.on_stop(now),
+        if let Input::Bytes(bytes) = input {
+            return self.take(now, bytes);
         }
+        self.dialogue.on_input(now, input);
         self.after_input(now);
         0
     }
 
     fn poll_output(&mut self) -> Output<'_> {
-        let dialogue = &mut self.dialogue;
-        dialogue.base.poll_output(|| dialogue.turns.scan(dialogue.config.latency, RANGE_MAX_M))
+        let latency = self.dialogue.config.latency;
+        self.dialogue.base.poll_output(|| self.dialogue.turns.scan(latency, RANGE_MAX_M))
     }
 
     fn counters(&self) -> Counters {

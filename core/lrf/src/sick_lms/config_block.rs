@@ -7,11 +7,11 @@ pub const LEN_NEW: usize = 34;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {
     /// 10 mm.
-    Centimetre,
+    Centimetre = 0,
     /// 1 mm.
-    Millimetre,
+    Millimetre = 1,
     /// 100 mm.
-    Decimetre,
+    Decimetre = 2,
 }
 
 impl Unit {
@@ -27,11 +27,7 @@ impl Unit {
 
     /// The code on the wire.
     pub const fn code(self) -> u8 {
-        match self {
-            Unit::Centimetre => 0,
-            Unit::Millimetre => 1,
-            Unit::Decimetre => 2,
-        }
+        self as u8
     }
 
     /// Units in a metre; to divide by, which rounds right where a product with 0.001 would not.

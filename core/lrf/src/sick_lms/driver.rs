@@ -17,10 +17,11 @@ use super::reply::Reply;
 use super::request::{OperatingMode, PASSWORD, Request, Variant};
 use super::scan::ScanLayout;
 use super::telegram::Direction;
-use crate::dialogue::{DialogueBase, Patience};
-use crate::driver::{BaudPolicy, Cause, Counters, Input, LrfDriver, Output, Step};
+use crate::dialogue::{DialogueBase, ScanMemory, State};
+use crate::driver::{BaudPolicy, Counters, Input, LrfDriver, Output, Step};
+use crate::session::{Question, Session};
+use lrfslam_scan::Beam;
 use lrfslam_scan::time::{Duration, Instant};
-use lrfslam_scan::{Beam, RangeScan};
 
 /// The memory to lend for one telegram.
 pub const TELEGRAM_MEMORY: usize = super::telegram::MAX_TELEGRAM;
@@ -60,8 +61,9 @@ impl Default for SickConfig {
 }
 
 /// What a reply is awaited to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Ask {
+    #[default]
     Quiet,
     Type,
     Status,
@@ -77,7 +79,9 @@ enum Ask {
     Stop,
 }
 
-impl Ask {
+impl Question for Ask {
+    const STOP: Self = Ask::Stop;
+
     fn step(self) -> Step {
         match self {
             Ask::Quiet => Step::Find,
@@ -103,7 +107,9 @@ impl Ask {
             Ask::StreamAll => "telegram 20 24 (stream scans)",
         }
     }
+}
 
+impl Ask {
     /// How long to wait if nothing comes, and at most.
     ///
     /// Source: drivers: 60 ms to the ACK, up to 3 s for a mode, up to 15 s while flash is written.
@@ -117,19 +123,6 @@ impl Ask {
     }
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
-    /// No port, or stopped.
-    Idle,
-    /// Waiting before the next look for the sensor.
-    BackOff,
-    /// A request was sent.
-    Asking(Ask),
-    /// The rate was changed: both sides settle.
-    Settle,
-    Streaming,
-}
-
 /// Driver for LMS2xx over any byte link.
 #[derive(Debug)]
 pub struct SickDriver<'a> {
@@ -141,18 +134,12 @@ pub struct SickDriver<'a> {
 #[derive(Debug)]
 struct Dialogue<'a> {
     config: SickConfig,
-    base: DialogueBase,
-    state: State,
-    attempts_left: u8,
+    base: DialogueBase<Ask>,
     telegram_began: Instant,
     /// Bytes since the last request.
     noise: u32,
     /// A scan came since the last request.
     heard_scan: bool,
-    damaged_before: u32,
-    bad_in_a_row: u8,
-
-    raise_failures: u8,
 
     variant: Variant,
     /// The sensor said its variant; else scans show it.
@@ -163,10 +150,7 @@ struct Dialogue<'a> {
     setup_refused: bool,
     fault_reported: bool,
 
-    beams: &'a mut [Beam],
-    scan_len: usize,
-    scan_stamp: Instant,
-    range_max_m: f32,
+    memory: ScanMemory<'a>,
 }
 
 impl<'a> SickDriver<'a> {
@@ -178,14 +162,9 @@ impl<'a> SickDriver<'a> {
         let dialogue = Dialogue {
             config,
             base: DialogueBase::default(),
-            state: State::Idle,
-            attempts_left: 0,
             telegram_began: Instant::default(),
             noise: 0,
             heard_scan: false,
-            damaged_before: 0,
-            bad_in_a_row: 0,
-            raise_failures: 0,
             variant: Variant::DEG_180_BY_1,
             variant_known: false,
             measuring_mode: 0,
@@ -193,10 +172,7 @@ impl<'a> SickDriver<'a> {
             turns_refused: false,
             setup_refused: false,
             fault_reported: false,
-            beams,
-            scan_len: 0,
-            scan_stamp: Instant::default(),
-            range_max_m: 0.0,
+            memory: ScanMemory::new(beams),
         };
         Self { decoder: TelegramDecoder::new(Direction::ToHost, telegram), dialogue }
     }
@@ -206,28 +182,20 @@ impl LrfDriver for SickDriver<'_> {
     fn handle_input(&mut self, now: Instant, input: Input<'_>) -> usize {
         match input {
             Input::Bytes(bytes) => return self.take(now, bytes),
-            Input::Timeout if self.dialogue.base.patience.is_over(now) => self.on_timeout(now),
-            Input::Timeout => {}
+            Input::Timeout => self.look_inside(now),
             Input::Connected => {
                 self.decoder.forget();
-                self.dialogue.on_connected(now);
+                self.dialogue.setup_refused = false;
             }
-            Input::Disconnected => {
-                self.decoder.forget();
-                self.dialogue.on_disconnected();
-            }
-            Input::Stop => self.dialogue.on_stop(now),
+            Input::Disconnected => self.decoder.forget(),
+            Input::Stop => {}
         }
+        self.dialogue.on_input(now, input);
         0
     }
 
     fn poll_output(&mut self) -> Output<'_> {
-        let dialogue = &mut self.dialogue;
-        dialogue.base.poll_output(|| RangeScan {
-            stamp: dialogue.scan_stamp,
-            range_max_m: dialogue.range_max_m,
-            beams: dialogue.beams.get(..dialogue.scan_len).unwrap_or(&[]),
-        })
+        self.dialogue.base.poll_output(|| self.dialogue.memory.scan())
     }
 
     fn counters(&self) -> Counters {
@@ -261,68 +229,23 @@ impl SickDriver<'_> {
         taken
     }
 
-    fn on_timeout(&mut self, now: Instant) {
-        // A damaged length may have swallowed the answer: look inside before asking again.
-        if self.decoder.is_inside_telegram() {
+    /// A damaged length may have swallowed an answer that is due: looks inside before anything is asked again.
+    fn look_inside(&mut self, now: Instant) {
+        if self.dialogue.base.patience.is_over(now) && self.decoder.is_inside_telegram() {
             self.decoder.abandon();
             let _ = self.take(now, b"");
-            if !self.dialogue.base.patience.is_over(now) {
-                return;
-            }
         }
-        self.dialogue.on_timeout(now);
     }
 }
 
 impl Dialogue<'_> {
     fn on_payload(&mut self, now: Instant, payload: &[u8]) {
-        let Some(reply) = Reply::parse(payload) else {
-            return self.refuse(now);
-        };
-        match self.state {
+        let Some(reply) = Reply::parse(payload) else { return self.refuse(now) };
+        match self.base.state {
             State::Asking(ask) => self.on_reply(now, ask, &reply, payload.len()),
             State::Streaming => self.on_stream(now, &reply, payload.len()),
-            State::Idle | State::BackOff | State::Settle => {}
+            State::Idle | State::BackOff | State::Pausing(_) => {}
         }
-    }
-
-    fn on_timeout(&mut self, now: Instant) {
-        match self.state {
-            State::Idle => self.base.patience = Patience::FOREVER,
-            State::BackOff => self.find(now),
-            State::Settle => self.ask(now, Ask::VerifyRate),
-            // A wrong rate makes much noise and no telegram: not worth a second attempt.
-            State::Asking(Ask::Quiet) if self.noise > 60 && !self.heard_scan => self.on_no_reply(now, Ask::Quiet),
-            State::Asking(ask) if self.attempts_left > 0 => {
-                self.attempts_left -= 1;
-                self.send(now, ask);
-            }
-            State::Asking(ask) => self.on_no_reply(now, ask),
-            State::Streaming => self.restart(now, Step::Stream, Cause::Silent, ""),
-        }
-    }
-
-    /// Sends the request of `ask`, and awaits its reply.
-    fn ask(&mut self, now: Instant, ask: Ask) {
-        self.attempts_left = match ask {
-            // The first may complete half a telegram in the sensor's buffer and be lost with it.
-            Ask::Quiet | Ask::SetConfig => 1,
-            _ => 2,
-        };
-        self.state = State::Asking(ask);
-        self.send(now, ask);
-    }
-
-    fn send(&mut self, now: Instant, ask: Ask) {
-        let telegram = self.request(ask).emit();
-        self.base.outbox.transmit(&telegram);
-        (self.noise, self.heard_scan) = (0, false);
-        let (wait, at_most) = ask.waits();
-        let at_most = match ask {
-            Ask::Quiet => Duration::from_micros(wait.micros + 2 * self.longest_telegram().micros),
-            _ => at_most,
-        };
-        self.base.patience = Patience::new(now, wait, at_most);
     }
 
     fn request(&self, ask: Ask) -> Request {
@@ -343,12 +266,6 @@ impl Dialogue<'_> {
     /// How to read scans, if the measuring mode gives ranges.
     fn layout(&self) -> Option<ScanLayout> {
         ValueFormat::of_mode(self.measuring_mode).map(|format| ScanLayout { variant: self.variant, format })
-    }
-
-    /// Reports trouble and begins anew after a while.
-    fn restart(&mut self, now: Instant, step: Step, cause: Cause, sent: &'static str) {
-        self.base.begin_anew(now, step, cause, sent);
-        self.state = State::BackOff;
     }
 }
 

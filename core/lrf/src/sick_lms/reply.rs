@@ -2,7 +2,7 @@
 
 use super::config_block::ConfigBlock;
 use super::measurement::Measurement;
-use super::request::{BAUD_CODES, Variant};
+use super::request::Variant;
 
 /// The status byte at the end of every telegram of a sensor.
 ///
@@ -56,11 +56,6 @@ impl<'a> StatusReport<'a> {
     /// Measuring mode (102).
     pub fn measuring_mode(&self) -> u8 {
         self.byte(102)
-    }
-
-    /// Baud rate, bit/s (116); `None` for a divisor not known.
-    pub fn baud(&self) -> Option<u32> {
-        BAUD_CODES.iter().find(|(_, _, divisor)| *divisor == self.byte(116)).map(|(rate, _, _)| *rate)
     }
 }
 

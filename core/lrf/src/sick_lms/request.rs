@@ -179,33 +179,38 @@ impl Request {
 }
 
 impl OperatingMode {
-    /// Rates are written as the nearest known; see [`BAUD_CODES`].
+    /// The code on the wire; a rate has that of the nearest known, see [`BAUD_CODES`].
+    pub fn code(&self) -> u8 {
+        match *self {
+            OperatingMode::Installation(_) => 0x00,
+            OperatingMode::StreamAll => 0x24,
+            OperatingMode::OnRequest => 0x25,
+            OperatingMode::StreamMean(_) => 0x26,
+            OperatingMode::StreamSubrange(..) => 0x27,
+            OperatingMode::StreamPartial => 0x2A,
+            OperatingMode::StreamRemission => 0x2B,
+            OperatingMode::StreamReflectivity(..) => 0x50,
+            OperatingMode::Baud(rate) => {
+                BAUD_CODES.iter().min_by_key(|(known, _, _)| known.abs_diff(rate)).map_or(0x42, |(_, code, _)| *code)
+            }
+            OperatingMode::Other(mode) => mode,
+        }
+    }
+
     fn payload(&self) -> Payload {
         let mut payload = Payload::new();
         let mut put = |bytes: &[u8]| {
             let _ = payload.extend_from_slice(bytes);
         };
-        let range = |mode, first: u16, last: u16| {
-            let ([a, b], [c, d]) = (first.to_le_bytes(), last.to_le_bytes());
-            [0x20, mode, a, b, c, d]
-        };
+        put(&[0x20, self.code()]);
         match *self {
-            OperatingMode::Installation(password) => {
-                put(&[0x20, 0x00]);
-                put(&password);
+            OperatingMode::Installation(password) => put(&password),
+            OperatingMode::StreamMean(scans) => put(&[scans]),
+            OperatingMode::StreamSubrange(first, last) | OperatingMode::StreamReflectivity(first, last) => {
+                put(&first.to_le_bytes());
+                put(&last.to_le_bytes());
             }
-            OperatingMode::StreamAll => put(&[0x20, 0x24]),
-            OperatingMode::OnRequest => put(&[0x20, 0x25]),
-            OperatingMode::StreamMean(scans) => put(&[0x20, 0x26, scans]),
-            OperatingMode::StreamSubrange(first, last) => put(&range(0x27, first, last)),
-            OperatingMode::StreamPartial => put(&[0x20, 0x2A]),
-            OperatingMode::StreamRemission => put(&[0x20, 0x2B]),
-            OperatingMode::StreamReflectivity(first, last) => put(&range(0x50, first, last)),
-            OperatingMode::Baud(rate) => {
-                let nearest = BAUD_CODES.iter().min_by_key(|(known, _, _)| known.abs_diff(rate));
-                put(&[0x20, nearest.map_or(0x42, |(_, code, _)| *code)]);
-            }
-            OperatingMode::Other(mode) => put(&[0x20, mode]),
+            _ => {}
         }
         payload
     }

@@ -83,9 +83,7 @@ pub fn check(direction: Direction, bytes: &[u8]) -> Head {
     if stx != STX || address != direction.address() || !(1..=MAX_PAYLOAD).contains(&length) {
         return Head::No;
     }
-    let Some(telegram) = bytes.get(..length + OVERHEAD) else {
-        return Head::Partial;
-    };
+    let Some(telegram) = bytes.get(..length + OVERHEAD) else { return Head::Partial };
     match telegram.split_last_chunk::<2>() {
         Some((body, sum)) if crc(body) == u16::from_le_bytes(*sum) => Head::Whole(length + OVERHEAD),
         _ => Head::No,

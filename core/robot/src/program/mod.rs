@@ -13,4 +13,4 @@ mod sweep_report;
 pub use fit::Misfit;
 pub use machine::{Input, Ports, Robot};
 pub use mapping::{Mapped, Mapping};
-pub use pools::{CompactPools, LargePools, RobotMemory, RobotPools, StandardPools};
+pub use pools::{CompactPools, LargePools, Pools, RobotMemory, RobotPools, StandardPools};

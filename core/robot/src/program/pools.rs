@@ -25,6 +25,15 @@ pub struct RobotMemory<'m> {
     pub ledger: &'m mut [LedgerEntry],
 }
 
+/// Memory of a robot in one value, of any size.
+pub trait Pools {
+    /// Pools that nobody uses yet.
+    const EMPTY: Self;
+
+    /// The pools as slices.
+    fn lend(&mut self) -> RobotMemory<'_>;
+}
+
 /// Pools of a robot as arrays; all zero, so that a static of it costs no flash.
 ///
 /// The parameters are those of [`SlamPools`], and the number of bytes that wait for the host.
@@ -65,10 +74,9 @@ impl<
     const NDT_TILES: usize,
     const NDT_PLACES: usize,
     const QUEUE: usize,
-> RobotPools<TILES, WINDOW, PARTICLES, NODES, BEAMS, NDT_TILES, NDT_PLACES, QUEUE>
+> Pools for RobotPools<TILES, WINDOW, PARTICLES, NODES, BEAMS, NDT_TILES, NDT_PLACES, QUEUE>
 {
-    /// Pools that nobody uses yet.
-    pub const EMPTY: Self = Self {
+    const EMPTY: Self = Self {
         slam: SlamPools::EMPTY,
         telegram: [0; TELEGRAM],
         // A hit at no range is all zero; nobody reads it before a scan is there.
@@ -78,8 +86,7 @@ impl<
         frame: [0; MAX_FRAME],
     };
 
-    /// The pools as slices.
-    pub fn lend(&mut self) -> RobotMemory<'_> {
+    fn lend(&mut self) -> RobotMemory<'_> {
         RobotMemory {
             mapping: self.slam.lend(),
             link: SessionMemory { queue: &mut self.queue, frame: &mut self.frame },

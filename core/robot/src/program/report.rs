@@ -1,8 +1,7 @@
 //! What the host is told of the map: tiles that it does not have yet, or, when the robot has stopped, all of it.
 
-use crc::{CRC_32_ISO_HDLC, Crc};
-
 use super::mapping::Mapping;
+use crate::wire::frame::CRC32;
 use crate::wire::message::{FromRobot, TileUpdate};
 use crate::wire::session::{QueueFullError, Session};
 use lrfslam_core::distributed_map::TilePlace;
@@ -13,9 +12,6 @@ use lrfslam_core::slam::TILE_SIDE;
 pub(super) const TILE_BYTES: usize = 2 * TILE_SIDE * TILE_SIDE;
 /// Most places that one pass can tell apart.
 const PLACES: usize = 1024;
-
-/// Of a tile's squares.
-pub(super) const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// The tile that the host has at one place.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

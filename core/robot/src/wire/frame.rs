@@ -16,7 +16,7 @@ const CRC_BYTES: usize = 4;
 /// Ends every frame and is nowhere inside of one.
 pub const DELIMITER: u8 = 0;
 
-const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+pub(crate) const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Writes the frame of `payload` to the front of `memory`; `None` if either is too long or too short for it.
 pub fn encode<'m>(payload: &[u8], memory: &'m mut [u8]) -> Option<&'m [u8]> {

@@ -11,7 +11,7 @@ use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware::Pools;
 use lrfslam_firmware::board::{Board, recording, stack};
-use lrfslam_robot::{Mapping, Ports as _, RobotConfig};
+use lrfslam_robot::{Mapping, Pools as _, Ports as _, RobotConfig};
 use static_cell::ConstStaticCell;
 
 static POOLS: ConstStaticCell<Pools> = ConstStaticCell::new(Pools::EMPTY);

@@ -4,17 +4,16 @@
 //! a simulation may run slower than the world: the first two words of the PSRAM, which QEMU's loader can fill, are [`MARK`] and by how much.
 #![allow(unsafe_code)]
 
-use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, Peripherals, SCB};
 use cortex_m_rt::exception;
-use lrfslam_core::time::{Duration, Instant};
+use lrfslam_core::time::Instant;
 use lrfslam_robot::Ports;
 use lrfslam_robot::wire::message::Health;
 use tock_registers::interfaces::{Readable, Writeable};
 use tock_registers::register_structs;
 use tock_registers::registers::{ReadOnly, ReadWrite, WriteOnly};
 
-use super::{LASER, LINK, fault, stack};
+use super::{LASER, LINK, Vitals, start_ticks};
 use crate::port::Port;
 
 #[cfg(feature = "mps2-an500")]
@@ -125,10 +124,7 @@ pub struct Board {
     last: u32,
     ticks: u64,
     ticks_per_us: u64,
-    fault_at: u32,
-    epoch: u32,
-    longest_us: u32,
-    pub(super) had_link_room: bool,
+    pub(super) vitals: Vitals,
 }
 
 impl Board {
@@ -145,10 +141,7 @@ impl Board {
         }
         if let Some(mut peripherals) = peripherals {
             // Wakes the program for its deadlines, 200 times a second.
-            peripherals.SYST.set_clock_source(SystClkSource::Core);
-            peripherals.SYST.set_reload(CLOCK_MHZ * 5000 - 1);
-            peripherals.SYST.enable_counter();
-            peripherals.SYST.enable_interrupt();
+            start_ticks(&mut peripherals.SYST, CLOCK_MHZ * 5000);
         }
         for number in 0..4 {
             // SAFETY: their handler is below, and shares with the program only what is behind critical sections.
@@ -162,16 +155,8 @@ impl Board {
             last: u32::MAX,
             ticks: 0,
             ticks_per_us: u64::from(CLOCK_MHZ) * u64::from(factor),
-            fault_at: fault::last(),
-            epoch: fault::count_start(),
-            longest_us: 0,
-            had_link_room: true,
+            vitals: Vitals::begin(),
         }
-    }
-
-    /// Another number after every start.
-    pub fn epoch(&self) -> u32 {
-        self.epoch
     }
 
     /// The clock; to be read more often than it wraps, every 171 s.
@@ -180,12 +165,6 @@ impl Board {
         self.ticks += u64::from(self.last.wrapping_sub(value));
         self.last = value;
         Instant::from_micros((self.ticks / self.ticks_per_us) as i64)
-    }
-
-    /// An input was handled.
-    pub fn took(&mut self, started: Instant) {
-        let Duration { micros } = self.now().since(started);
-        self.longest_us = self.longest_us.max(micros as u32);
     }
 
     /// The program is alive.
@@ -221,13 +200,7 @@ impl Ports for Board {
     }
 
     fn health(&self) -> Health {
-        Health {
-            stack_used: stack::used(),
-            lrf_overrun: LASER.overrun(),
-            link_overrun: LINK.overrun(),
-            longest_us: self.longest_us,
-            fault_at: self.fault_at,
-        }
+        self.vitals.health()
     }
 }
 

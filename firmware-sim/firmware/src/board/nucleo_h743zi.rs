@@ -4,10 +4,9 @@
 //! serial port on USB: host, 921600 bit/s. TIM 2: clock of 1 MHz. Compiles; not yet run on the board.
 #![allow(unsafe_code)]
 
-use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m_rt::exception;
-use lrfslam_core::time::{Duration, Instant};
+use lrfslam_core::time::Instant;
 use lrfslam_robot::Ports;
 use lrfslam_robot::wire::message::Health;
 use stm32h7xx_hal::independent_watchdog::IndependentWatchdog;
@@ -15,7 +14,7 @@ use stm32h7xx_hal::pac::{self, interrupt};
 use stm32h7xx_hal::prelude::*;
 use stm32h7xx_hal::rcc::PllConfigStrategy;
 
-use super::{LASER, LINK, fault, stack};
+use super::{LASER, LINK, Vitals, start_ticks};
 use crate::port::Port;
 
 pub const NAME: &str = "nucleo-h743zi";
@@ -45,10 +44,7 @@ pub struct Board {
     /// Clock at the last look, and its wraps.
     last: u32,
     wraps: i64,
-    fault_at: u32,
-    epoch: u32,
-    longest_us: u32,
-    pub(super) had_link_room: bool,
+    pub(super) vitals: Vitals,
 }
 
 impl Board {
@@ -77,10 +73,7 @@ impl Board {
 
         let timer = device.TIM2.tick_timer(1.MHz(), clocks.peripheral.TIM2, &clocks.clocks).free().0;
 
-        core.SYST.set_clock_source(SystClkSource::Core);
-        core.SYST.set_reload(480_000 - 1);
-        core.SYST.enable_counter();
-        core.SYST.enable_interrupt();
+        start_ticks(&mut core.SYST, 480_000);
         // SAFETY: their handlers are below, and share with the program only what is behind critical sections.
         unsafe {
             NVIC::unmask(pac::Interrupt::USART2);
@@ -88,22 +81,7 @@ impl Board {
         }
         let mut watchdog = IndependentWatchdog::new(device.IWDG);
         watchdog.start(WATCHDOG_MS.millis());
-        Self {
-            timer,
-            watchdog,
-            uart_clock_hz: clocks.clocks.pclk1().raw(),
-            last: 0,
-            wraps: 0,
-            fault_at: fault::last(),
-            epoch: fault::count_start(),
-            longest_us: 0,
-            had_link_room: true,
-        }
-    }
-
-    /// Another number after every start.
-    pub fn epoch(&self) -> u32 {
-        self.epoch
+        Self { timer, watchdog, uart_clock_hz: clocks.clocks.pclk1().raw(), last: 0, wraps: 0, vitals: Vitals::begin() }
     }
 
     /// The clock; to be read more often than it wraps, every 71 minutes.
@@ -112,12 +90,6 @@ impl Board {
         self.wraps += i64::from(count < self.last);
         self.last = count;
         Instant::from_micros((self.wraps << 32) + i64::from(count))
-    }
-
-    /// An input was handled.
-    pub fn took(&mut self, started: Instant) {
-        let Duration { micros } = self.now().since(started);
-        self.longest_us = self.longest_us.max(micros as u32);
     }
 
     /// The program is alive.
@@ -158,13 +130,7 @@ impl Ports for Board {
     }
 
     fn health(&self) -> Health {
-        Health {
-            stack_used: stack::used(),
-            lrf_overrun: LASER.overrun(),
-            link_overrun: LINK.overrun(),
-            longest_us: self.longest_us,
-            fault_at: self.fault_at,
-        }
+        self.vitals.health()
     }
 }
 

@@ -29,45 +29,35 @@ impl VirtualHokuyo {
     }
 
     fn obey(&mut self, now: Instant, line: &[u8], command: Command, tag: Vec<u8>) {
-        match command {
-            Command::Version => self.reply(now, line, Status::OK, &self.version()),
+        let status = match command {
+            Command::Version => return self.reply(now, line, Status::OK, &self.version()),
             Command::Parameters => {
                 let mut body = String::new();
                 // A String takes everything.
                 let _ = self.model.parameters.emit(&mut body);
-                self.reply(now, line, Status::OK, &body);
+                return self.reply(now, line, Status::OK, &body);
             }
-            Command::Information => self.reply(now, line, Status::OK, &self.information(now)),
-            Command::LaserOn if self.time_mode => self.reply(now, line, Status::UNDEFINED, ""),
-            Command::LaserOn => {
-                let status = if self.laser_on { Status::code(2) } else { Status::OK };
-                self.laser_on = true;
-                self.reply(now, line, status, "");
-            }
-            Command::Quit => self.quit(now, line),
-            Command::Reset | Command::ResetKeepingRate => self.reset(now, line, command == Command::Reset),
-            Command::Reboot => self.reboot(now, line),
-            Command::Get(acquire) => self.get(now, line, &acquire),
+            Command::Information => return self.reply(now, line, Status::OK, &self.information(now)),
+            Command::Quit => return self.quit(now, line),
+            Command::Reset | Command::ResetKeepingRate => return self.reset(now, line, command == Command::Reset),
+            Command::Reboot => return self.reboot(now, line),
+            Command::Get(acquire) => return self.get(now, line, &acquire),
             Command::Stream { acquire, interval, count } => {
-                self.start(now, line, command, (acquire, interval, count), tag)
+                return self.start(now, line, command, (acquire, interval, count), tag);
             }
-            Command::Time(mode) => self.time(now, line, mode),
-            Command::BitRate(rate) => self.set_rate(now, line, rate),
-            Command::MotorSpeed(speed) => {
-                let status = self.set_motor(speed);
-                self.reply(now, line, status, "");
-            }
-            Command::Sensitivity(high) => {
-                let status = self.set_sensitivity(high);
-                self.reply(now, line, status, "");
-            }
-            Command::Malfunction(kind) => {
-                let status = if matches!(kind, 1..=5 | 10) { Status::OK } else { Status::code(2) };
-                self.reply(now, line, status, "");
-            }
+            Command::Time(mode) => return self.time(now, line, mode),
+            Command::BitRate(rate) => return self.set_rate(now, line, rate),
+            Command::LaserOn if self.time_mode => Status::UNDEFINED,
+            Command::LaserOn if std::mem::replace(&mut self.laser_on, true) => Status::code(2),
+            Command::LaserOn => Status::OK,
+            Command::MotorSpeed(speed) => self.set_motor(speed),
+            Command::Sensitivity(high) => self.set_sensitivity(high),
+            Command::Malfunction(1..=5 | 10) => Status::OK,
+            Command::Malfunction(_) => Status::code(2),
             // These are of SCIP 2.2, or of 1.1.
-            Command::SwitchToScip2 | Command::State | Command::Sleep => self.reply(now, line, Status::UNDEFINED, ""),
-        }
+            Command::SwitchToScip2 | Command::State | Command::Sleep => Status::UNDEFINED,
+        };
+        self.reply(now, line, status, "");
     }
 
     /// `echo LF status sum LF body LF`; the body's lines end with a line feed already.
@@ -240,12 +230,9 @@ impl VirtualHokuyo {
             _ if self.model.baud.is_none() => Status::code(4),
             11..=98 | 100.. => Status::code(2),
             same if same == self.motor => Status::code(3),
-            99 => {
-                self.motor = 0;
-                Status::OK
-            }
+            // 99 is the usual speed again.
             new => {
-                self.motor = new;
+                self.motor = new % 99;
                 Status::OK
             }
         }

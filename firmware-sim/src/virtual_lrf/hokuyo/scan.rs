@@ -22,9 +22,7 @@ impl VirtualHokuyo {
 
     fn tell(&mut self, now: Instant, start: Instant) {
         let free = self.line.is_free(now);
-        let Some(stream) = &mut self.stream else {
-            return;
-        };
+        let Some(stream) = &mut self.stream else { return };
         if stream.skip > 0 {
             stream.skip -= 1;
             return;
@@ -81,7 +79,7 @@ impl VirtualHokuyo {
         }
         let bearing_rad = f64::from(parameters.bearing_rad(f32::from(step)));
         let is_urg = parameters.range_codes() == RangeCodes::Urg;
-        let nothing = if is_urg { 0 } else { 1 };
+        let (nothing, too_near) = if is_urg { (0, 6) } else { (1, 4) };
         let (shortest, longest) = (parameters.distance_min_mm, parameters.distance_max_mm);
         match self.sight.measure(start + parameters.step_time(step), bearing_rad) {
             Reading::Nothing => nothing,
@@ -89,13 +87,7 @@ impl VirtualHokuyo {
             Reading::Failed(pick) if is_urg => [0, 0, 0, 0, 0, 0, 7, 10][pick as usize % 8],
             Reading::Failed(pick) => [2, 3, 4, 5][pick as usize % 4],
             Reading::Range(range_m) => match (range_m * 1000.0).round() as u32 {
-                near if near < shortest => {
-                    if is_urg {
-                        6
-                    } else {
-                        4
-                    }
-                }
+                near if near < shortest => too_near,
                 far if far >= longest => nothing,
                 range => range,
             },

@@ -1,10 +1,11 @@
 //! Answers to requests.
 
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_lrf::sick_lms::request::PASSWORD;
 use lrfslam_lrf::sick_lms::telegram::MAX_PAYLOAD;
 use lrfslam_lrf::sick_lms::{OperatingMode, Request, Variant};
 
-use super::{INSTALLATION_PASSWORD, VirtualSick};
+use super::VirtualSick;
 
 /// From a request to its reply, most of them.
 const REPLY: Duration = Duration::from_millis(10);
@@ -52,18 +53,14 @@ impl VirtualSick {
 
     /// Says 91 at the old rate, then is away until it has booted.
     fn reset(&mut self, now: Instant) {
-        let rate = self.permanent_baud.unwrap_or(9600);
-        self.line.change_rate(rate);
-        self.booting_until = Some(now + self.model.boot);
-        self.mode = OperatingMode::OnRequest;
-        self.single = false;
-        self.incoming.clear();
+        self.line.change_rate(self.permanent_baud.unwrap_or(9600));
+        self.boot(now);
     }
 
     fn change_mode(&mut self, now: Instant, mode: OperatingMode) {
         let at = now + MODE_CHANGE;
         match mode {
-            OperatingMode::Installation(password) if password != INSTALLATION_PASSWORD => self.send(at, &[0xA0, 0x01]),
+            OperatingMode::Installation(password) if password != PASSWORD => self.send(at, &[0xA0, 0x01]),
             OperatingMode::Other(_) => self.send(at, &[0x92]),
             mode if !self.can_stream(mode) => self.send(at, &[0xA0, 0x02]),
             OperatingMode::Baud(rate) => {

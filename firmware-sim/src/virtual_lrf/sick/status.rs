@@ -38,13 +38,7 @@ impl VirtualSick {
 
 fn mode_code(mode: OperatingMode) -> u8 {
     match mode {
-        OperatingMode::Installation(_) => 0x00,
-        OperatingMode::StreamAll => 0x24,
-        OperatingMode::StreamMean(_) => 0x26,
-        OperatingMode::StreamSubrange(..) => 0x27,
-        OperatingMode::StreamPartial => 0x2A,
-        OperatingMode::StreamRemission => 0x2B,
-        OperatingMode::StreamReflectivity(..) => 0x50,
-        OperatingMode::OnRequest | OperatingMode::Baud(_) | OperatingMode::Other(_) => 0x25,
+        OperatingMode::OnRequest | OperatingMode::Baud(_) | OperatingMode::Other(_) => OperatingMode::OnRequest.code(),
+        mode => mode.code(),
     }
 }

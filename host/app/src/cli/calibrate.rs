@@ -11,7 +11,7 @@ use super::shared::{ConfigArgs, LOG, RELATIONS, SeedArgs, TRUTH};
 use super::{Failure, print};
 use crate::config::RunConfig;
 use lrfslam_host::mapping::mapper::Mapper;
-use lrfslam_host::output::write_file;
+use lrfslam_host::output::save_file;
 use lrfslam_host::runs::scans::read_scans;
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
@@ -68,9 +68,7 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     let text = section(&fit, &args.log.display().to_string(), errors.len());
     match &args.out {
         None => print(&text),
-        Some(file) => write_file(file, text.as_bytes()).map_err(|error| {
-            Failure::Work(anyhow::Error::new(error).context(format!("{}: cannot be written", file.display())))
-        }),
+        Some(file) => save_file(file, text.as_bytes()).map_err(Failure::Work),
     }
 }
 

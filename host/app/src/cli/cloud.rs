@@ -2,9 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
 use clap::{Args, ValueEnum};
-use lrfslam_core::scan::RangeScan;
 use lrfslam_core::time::Duration;
 use nalgebra::{Isometry3, Translation3};
 use serde::Serialize;
@@ -15,11 +13,11 @@ use super::map::stem;
 use super::out::OutArgs;
 use super::shared::{ConfigArgs, SeedArgs, TellArgs};
 use lrfslam_host::maps::cloud::{
-    Cloud, CloudCounts, CloudPoint, EdgeFilter, Paint, PlaneConfig, Projection, RegisterConfig, StopReport,
-    TiltMounting, Track, judge_stops, planar, read_stops, read_tilt, thin, write_pcd, write_ply,
+    Cloud, CloudCounts, CloudLook, EdgeFilter, Paint, PlaneConfig, Projection, RegisterConfig, StopReport,
+    TiltMounting, Track, judge_stops, planar, read_stops, read_tilt, thin, write_cloud,
 };
-use lrfslam_host::maps::picture::{CloudView, cloud_png};
-use lrfslam_host::output::{PendingFile, write_file};
+use lrfslam_host::maps::picture::CloudView;
+use lrfslam_host::output::save_json;
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::program::Program;
 use lrfslam_host::runs::scans::read_scans;
@@ -119,6 +117,13 @@ struct LookArgs {
     side: u32,
 }
 
+impl LookArgs {
+    fn look(&self) -> CloudLook {
+        let view = CloudView { azimuth_deg: self.azimuth, elevation_deg: self.elevation, side: self.side as usize };
+        CloudLook { paint: self.colour.into(), cut_above_m: self.cut_above, view }
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
 enum Poses {
@@ -165,9 +170,12 @@ pub(super) fn run(args: &CloudArgs) -> Result<(), Failure> {
         poses: args.input.is_dir().then_some(args.poses),
         stops,
     };
-    let text = serde_json::to_string_pretty(&report).map_err(Failure::work)? + "\n";
     let mut folder = args.out.folder(&stem(&args.input, "cloud"))?;
-    folder.save(|stage| write_results(args, stage, &points, &text)).map_err(Failure::Work)?;
+    let saved = folder.save(|stage| {
+        write_cloud(stage, &points, &args.look.look())?;
+        save_json(&stage.join("cloud.json"), &report)
+    });
+    saved.map_err(Failure::Work)?;
     args.tell.print(&report, || {
         let summary = if report.stops.is_empty() { log_summary(&report) } else { stops_summary(&report) };
         format!("{summary}results in {}\n", folder.named().display())
@@ -215,7 +223,7 @@ pub(super) fn from_log(
     let readings = read_tilt(tilt).map_err(Failure::start)?;
     let scans = read_scans(input, config.log_options()).map_err(Failure::Start)?;
     // A path made by `lrfslam map` has the pose of the middle of each sweep under the scan's time.
-    let middle = scans.first().map_or(Duration::ZERO, |scan| middle_of_sweep(&scan.scan()));
+    let middle = scans.first().map_or(Duration::ZERO, |scan| scan.scan().middle());
     let place = |pose: &TimedPose| world_from_map * planar(PoseF64::from(pose.map_from_robot));
     let path = poses.iter().map(|pose| (pose.stamp + middle, place(pose)));
     let gap = Duration::from_micros((args.gap * 1e6) as i64);
@@ -246,43 +254,10 @@ fn world_from_map(truth: &Path, poses: &[TimedPose]) -> Result<Isometry3<f64>, F
     Ok(world_from_robot * planar(PoseF64::from(first.map_from_robot)).inverse())
 }
 
-fn middle_of_sweep(scan: &RangeScan<'_>) -> Duration {
-    match (scan.beams.first(), scan.beams.last()) {
-        (Some(first), Some(last)) => Duration::from_micros(first.offset.micros.midpoint(last.offset.micros)),
-        _ => Duration::ZERO,
-    }
-}
-
 fn mounting(args: &TiltArgs, robot_from_lrf: PoseF64) -> TiltMounting {
     let lift = Translation3::new(0.0, 0.0, args.height);
     TiltMounting {
         robot_from_axis: lift * planar(robot_from_lrf),
         axis_from_lrf: Isometry3::translation(args.mirror_ahead, 0.0, args.mirror_above),
     }
-}
-
-fn write_results(args: &CloudArgs, folder: &Path, points: &[CloudPoint], report: &str) -> anyhow::Result<()> {
-    let (look, named) = (args.look, |name: &str| folder.join(name));
-    let paint = Paint::from(look.colour);
-    let coloured = paint.apply(points);
-    write_points(&named("cloud.ply"), |out| write_ply(&coloured, out))?;
-    write_points(&named("cloud.pcd"), |out| write_pcd(&coloured, out))?;
-    let low = |point: &&CloudPoint| f64::from(point.position.z) <= look.cut_above;
-    let shown: Vec<CloudPoint> = points.iter().filter(low).copied().collect();
-    let view = CloudView { azimuth_deg: look.azimuth, elevation_deg: look.elevation, side: look.side as usize };
-    let scale = paint.scale(&shown);
-    let picture = cloud_png(&paint.apply(&shown), &view, scale.as_ref()).context("cloud.png cannot be drawn")?;
-    for (name, bytes) in [("cloud.png", picture.as_slice()), ("cloud.json", report.as_bytes())] {
-        write_file(&named(name), bytes).with_context(|| format!("{}: cannot be written", named(name).display()))?;
-    }
-    Ok(())
-}
-
-fn write_points(path: &Path, write: impl Fn(&mut PendingFile) -> std::io::Result<()>) -> anyhow::Result<()> {
-    let file = || -> std::io::Result<()> {
-        let mut file = PendingFile::create(path)?;
-        write(&mut file)?;
-        file.finish()
-    };
-    file().with_context(|| format!("{}: cannot be written", path.display()))
 }

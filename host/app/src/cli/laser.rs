@@ -21,14 +21,9 @@ struct LrfChoice(Option<LrfFamily>);
 
 impl ValueEnum for LrfChoice {
     fn value_variants<'a>() -> &'a [Self] {
-        const CHOICES: [LrfChoice; LrfFamily::ALL.len() + 1] = {
-            let mut choices = [LrfChoice(None); LrfFamily::ALL.len() + 1];
-            let mut i = 0;
-            while i < LrfFamily::ALL.len() {
-                choices[i] = LrfChoice(Some(LrfFamily::ALL[i]));
-                i += 1;
-            }
-            choices
+        const CHOICES: [LrfChoice; 5] = {
+            let [a, b, c, d] = LrfFamily::ALL;
+            [LrfChoice(None), LrfChoice(Some(a)), LrfChoice(Some(b)), LrfChoice(Some(c)), LrfChoice(Some(d))]
         };
         &CHOICES
     }

@@ -284,7 +284,7 @@ impl SpeedWatch {
             return false;
         }
         let limits = SpeedLimits::new(period, self.config.error_m, self.config.error_deg.to_radians());
-        let exceeds = limits.exceeded_by(from.between(map_from_lrf), dt).is_some();
+        let exceeds = limits.are_exceeded_by(from.between(map_from_lrf), dt);
         self.too_fast += u32::from(exceeds);
         exceeds && self.too_fast == 1
     }

@@ -101,22 +101,14 @@ fn interrupted(what: &str) -> Failure {
 }
 
 fn describe(identity: &Identity) -> String {
-    let degrees = |rad: f32| rad.to_degrees();
+    let [from, to] = [identity.angle_min_rad, identity.angle_max_rad].map(f32::to_degrees);
     let mut text = String::new();
     let lines = [
         ("model", identity.model.trim().to_owned()),
         ("serial", identity.serial.to_string()),
         ("firmware", identity.firmware.trim().to_owned()),
         ("state", identity.state.to_string()),
-        (
-            "view",
-            format!(
-                "{:.2} to {:.2} deg, {} beams",
-                degrees(identity.angle_min_rad),
-                degrees(identity.angle_max_rad),
-                identity.beams
-            ),
-        ),
+        ("view", format!("{from:.2} to {to:.2} deg, {} beams", identity.beams)),
         ("range", format!("up to {:.3} m", identity.range_max_m)),
         ("mirror", format!("{:.1} turns a second", 1.0 / identity.turn.as_secs_f32())),
     ];

@@ -7,7 +7,7 @@ use clap::{Args, Command};
 use clap_mangen::Man;
 
 use super::{Failure, command, print};
-use lrfslam_host::output::write_file;
+use lrfslam_host::output::save_file;
 
 /// Print the manual pages, one after the other: `lrfslam man | man -l -`.
 #[derive(Debug, Args)]
@@ -22,15 +22,11 @@ pub(super) fn run(args: &ManArgs) -> Result<(), Failure> {
     whole.build();
     let mut pages = Vec::new();
     add_pages(&whole, &mut pages).map_err(Failure::work)?;
-    let Some(folder) = &args.out else {
-        return pages.iter().try_for_each(|(_, page)| print(page));
-    };
+    let Some(folder) = &args.out else { return pages.iter().try_for_each(|(_, page)| print(page)) };
     let made = std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()));
     made.map_err(Failure::Start)?;
     for (name, page) in &pages {
-        let file = folder.join(name);
-        let written = write_file(&file, page.as_bytes());
-        written.with_context(|| format!("{}: cannot be written", file.display())).map_err(Failure::Work)?;
+        save_file(&folder.join(name), page.as_bytes()).map_err(Failure::Work)?;
     }
     Ok(())
 }

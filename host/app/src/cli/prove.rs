@@ -9,7 +9,7 @@ use super::laser::say;
 use super::shared::SEEDS;
 use super::{Failure, print};
 use crate::config::RunConfig;
-use lrfslam_lab::prove::{Choice, Places, Plan, Proof};
+use lrfslam_lab::prove::{Choice, Plan, Proof};
 
 /// Repeat every published figure and write them down: measured.md and measured.json.
 ///
@@ -52,7 +52,7 @@ pub(super) fn run(args: &ProveArgs) -> Result<(), Failure> {
     let named = std::env::var_os("LRFSLAM_DATA").filter(|name| !name.is_empty());
     let data = args.data.clone().or(named.map(PathBuf::from));
     let config = RunConfig::default().to_commented_toml();
-    let mut proof = Proof::new(&plan, Places { data }, &args.out, &config).map_err(Failure::Start)?;
+    let mut proof = Proof::new(&plan, data, &args.out, &config).map_err(Failure::Start)?;
     let failed = proof.run(&choice, &say).map_err(Failure::Work)?;
     if !failed.is_empty() {
         return Err(Failure::Work(anyhow::anyhow!(

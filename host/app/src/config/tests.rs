@@ -4,7 +4,7 @@ fn load(text: &str, overrides: &[&str]) -> Result<RunConfig, String> {
     let file = tempfile::Builder::new().suffix(".toml").tempfile().unwrap();
     std::fs::write(file.path(), text).unwrap();
     let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
-    RunConfig::load(Some(file.path()), &overrides).map_err(|error| error.to_string())
+    RunConfig::load_over(RunConfig::default(), Some(file.path()), &overrides).map_err(|error| error.to_string())
 }
 
 #[test]

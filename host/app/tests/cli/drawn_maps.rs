@@ -247,7 +247,7 @@ fn map_server_reads_what_was_drawn() {
     map.insert(&Sweep::at_rest(scan, Pose2::IDENTITY), Pose2::new(-3.0, 7.0, 0.5));
     let raster = map.raster(16_000).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    write_map(folder.path(), &raster).unwrap();
+    write_map(folder.path(), "map", &raster).unwrap();
     let served = ServedMap::load(&folder.path().join("map.yaml"));
     let drawn = |wanted| raster.pixels.iter().filter(|pixel| **pixel == wanted).count();
     assert_eq!(served.counts(), [Occupancy::Free, Occupancy::Unknown, Occupancy::Occupied].map(drawn));

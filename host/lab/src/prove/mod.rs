@@ -11,16 +11,16 @@ mod results;
 mod shell;
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 
 pub use page::page;
 pub use plan::{Column, Group, Metric, Other, Plan, PlanError, Preparation, Row, Source};
 pub use results::{Measured, Origin, Outcome, Results};
-pub use shell::{Fault, Places, Shell};
+pub use shell::{Fault, Shell};
 
-use lrfslam_host::output::write_file;
+use lrfslam_host::output::save_file;
 
 /// Seeds of a row with `--quick`.
 const QUICK_SEEDS: u64 = 2;
@@ -69,10 +69,10 @@ impl<'a> Proof<'a> {
     ///
     /// # Errors
     /// If the folder cannot be made, or its `measured.json` is none.
-    pub fn new(plan: &'a Plan, places: Places, folder: &'a Path, config: &str) -> anyhow::Result<Self> {
+    pub fn new(plan: &'a Plan, data: Option<PathBuf>, folder: &'a Path, config: &str) -> anyhow::Result<Self> {
         std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
         let results = Results::read(&folder.join("measured.json"))?;
-        let shell = Shell::new(places)?;
+        let shell = Shell::new(data)?;
         let missing = |row: &Row| Some((row.id.clone(), shell.missing(&plan.commands(row))?));
         let notes = plan.rows().filter_map(|(_, row)| missing(row)).collect();
         Ok(Self { plan, shell, origin: Origin::here(config), folder, results, notes })
@@ -125,8 +125,7 @@ impl<'a> Proof<'a> {
     fn save(&self) -> anyhow::Result<()> {
         let text = page(self.plan, &self.results, &self.notes, &self.origin);
         for (name, bytes) in [("measured.json", self.results.to_json(self.plan)?), ("measured.md", text)] {
-            let path = self.folder.join(name);
-            write_file(&path, bytes.as_bytes()).with_context(|| format!("{}: cannot be written", path.display()))?;
+            save_file(&self.folder.join(name), bytes.as_bytes())?;
         }
         Ok(())
     }

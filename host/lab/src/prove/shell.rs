@@ -22,13 +22,6 @@ const DECIMALS: f64 = 1e6;
 /// How a script says that what it needs is not there.
 const NOT_HERE: i32 = 77;
 
-/// Where things are.
-#[derive(Debug, Clone, Default)]
-pub struct Places {
-    /// Folder of the real data.
-    pub data: Option<PathBuf>,
-}
-
 /// Why a row has no figure.
 #[derive(Debug)]
 pub enum Fault {
@@ -56,9 +49,11 @@ struct Said {
 impl Shell {
     /// With a new working folder.
     ///
+    /// * `data` — folder of the real data
+    ///
     /// # Errors
     /// If there can be none, the data's folder is not there, or this program is not called `lrfslam`, as the rows call it.
-    pub fn new(places: Places) -> anyhow::Result<Self> {
+    pub fn new(data: Option<PathBuf>) -> anyhow::Result<Self> {
         let program = std::env::current_exe().context("this program does not know where it is")?;
         ensure!(
             program.file_stem().is_some_and(|name| name == "lrfslam"),
@@ -67,7 +62,7 @@ impl Shell {
         );
         let of_data =
             |data: PathBuf| data.canonicalize().with_context(|| format!("{}: cannot be read", data.display()));
-        let data = places.data.map(of_data).transpose()?;
+        let data = data.map(of_data).transpose()?;
         let others = std::env::var_os("PATH").unwrap_or_default();
         let folders = program.parent().map(Path::to_owned).into_iter().chain(std::env::split_paths(&others));
         let path = std::env::join_paths(folders).context("PATH cannot be made")?;

@@ -136,9 +136,12 @@ pub fn judge_stops(
     let mut map = Map::default();
     for stop in stops {
         let cloud = stop.cloud(Isometry3::identity(), edges);
-        let (surfaces, level) = survey(&cloud.points, planes).ok_or_else(|| no_floor(stop))?;
+        let no_floor = || JudgeError::NoFloor { stop: stop.name.clone() };
+        let (surfaces, level) = survey(&cloud.points, planes).ok_or_else(no_floor)?;
         let found = map.find(&cloud.points, &level, matching);
-        let (map_from_lrf, matched) = found.ok_or_else(|| no_match(stop, matching))?;
+        let RegisterConfig { low_m, high_m, .. } = *matching;
+        let no_match = || JudgeError::NoMatch { stop: stop.name.clone(), low_m, high_m };
+        let (map_from_lrf, matched) = found.ok_or_else(no_match)?;
         let given = match (stops.first(), judged.map_from_lrf.first()) {
             (Some(first), Some(map_from_first)) => map_from_first * first.map_from_lrf.inv_mul(&stop.map_from_lrf),
             _ => map_from_lrf,
@@ -225,14 +228,6 @@ impl Map {
             near_by_given: nearness(&self.by_given, points, given),
         }
     }
-}
-
-fn no_floor(stop: &Stop) -> JudgeError {
-    JudgeError::NoFloor { stop: stop.name.clone() }
-}
-
-fn no_match(stop: &Stop, matching: &RegisterConfig) -> JudgeError {
-    JudgeError::NoMatch { stop: stop.name.clone(), low_m: matching.low_m, high_m: matching.high_m }
 }
 
 fn positions(points: &[CloudPoint]) -> Vec<Point3<f64>> {

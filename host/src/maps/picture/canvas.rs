@@ -7,26 +7,14 @@ pub(super) type Rgb = [u8; 3];
 
 /// Pixels row by row from the top.
 pub(super) struct Canvas {
-    width: usize,
-    height: usize,
-    bytes: Vec<u8>,
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) bytes: Vec<u8>,
 }
 
 impl Canvas {
     pub fn new(width: usize, height: usize, colour: Rgb) -> Self {
         Self { width, height, bytes: colour.repeat(width * height) }
-    }
-
-    pub fn width(&self) -> usize {
-        self.width
-    }
-
-    pub fn height(&self) -> usize {
-        self.height
-    }
-
-    pub fn bytes(&self) -> &[u8] {
-        &self.bytes
     }
 
     /// Fills a rectangle; what lies outside is cut off.

@@ -55,8 +55,8 @@ pub fn cloud_png(points: &[ColouredPoint], view: &CloudView, scale: Option<&Colo
         // Adding zero takes the sign from what is rounded to it.
         let ends = [first, last].map(|end| format!("{:.1} {unit}", (end * 10.0).round() / 10.0 + 0.0));
         draw_colours(&mut canvas, ends.each_ref().map(String::as_str));
-        let left = canvas.width().saturating_sub(MARGIN + Canvas::text_width(2, name));
-        let y = canvas.height() - FOOTER + FOOTER_ROWS[1];
+        let left = canvas.width.saturating_sub(MARGIN + Canvas::text_width(2, name));
+        let y = canvas.height - FOOTER + FOOTER_ROWS[1];
         canvas.text(left, y - 7, 2, name, OCCUPIED);
     }
     encode(&canvas)

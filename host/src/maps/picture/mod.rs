@@ -12,6 +12,8 @@ mod scan;
 use std::io;
 use std::path::Path;
 
+use anyhow::Context as _;
+
 pub use self::cloud::{CloudView, cloud_png};
 pub use self::scan::scan_png;
 
@@ -19,7 +21,7 @@ use self::canvas::{Canvas, Rgb};
 use self::legend::draw_legend;
 use crate::maps::colours::colour_at;
 use crate::maps::occupancy::{Occupancy, Raster};
-use crate::output::write_file;
+use crate::output::{cannot_write, save_file};
 use crate::plural::count;
 use crate::trajectory::TimedPose;
 
@@ -54,8 +56,13 @@ pub struct PictureNotes<'a> {
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn write_picture(target: &Path, raster: &Raster, poses: &[TimedPose], notes: &PictureNotes<'_>) -> io::Result<()> {
-    write_file(target, &png(raster, poses, notes)?)
+pub fn write_picture(
+    target: &Path,
+    raster: &Raster,
+    poses: &[TimedPose],
+    notes: &PictureNotes<'_>,
+) -> anyhow::Result<()> {
+    save_file(target, &png(raster, poses, notes).with_context(|| cannot_write(target))?)
 }
 
 /// The picture as the bytes of a PNG file.
@@ -74,7 +81,7 @@ pub fn png(raster: &Raster, poses: &[TimedPose], notes: &PictureNotes<'_>) -> io
     }
     let path: Vec<(f64, f64)> = poses.iter().map(place).collect();
     draw_path(&mut canvas, &path);
-    let footer = canvas.height() - FOOTER;
+    let footer = canvas.height - FOOTER;
     draw_scale_bar(&mut canvas, raster.pixel_size_m / zoom as f64);
     if let Some([first, last]) = times(poses, notes) {
         draw_colours(&mut canvas, [&first, &last]);
@@ -106,7 +113,7 @@ fn draw_map(raster: &Raster, zoom: usize) -> Canvas {
         let (x, y) = (index % raster.width * zoom + MARGIN, index / raster.width * zoom + MARGIN);
         canvas.fill(x, y, zoom, zoom, colour);
     }
-    canvas.fill(0, canvas.height() - FOOTER, width, FOOTER, FREE);
+    canvas.fill(0, canvas.height - FOOTER, width, FOOTER, FREE);
     canvas
 }
 
@@ -123,9 +130,9 @@ fn draw_path(canvas: &mut Canvas, path: &[(f64, f64)]) {
 
 /// A bar of a round length, about a quarter of the picture, with its length beside it.
 fn draw_scale_bar(canvas: &mut Canvas, pixel_size_m: f64) {
-    let length_m = round_length(canvas.width() as f64 / 4.0 * pixel_size_m);
+    let length_m = round_length(canvas.width as f64 / 4.0 * pixel_size_m);
     let length = (length_m / pixel_size_m).round() as usize;
-    let y = canvas.height() - FOOTER + FOOTER_ROWS[0];
+    let y = canvas.height - FOOTER + FOOTER_ROWS[0];
     canvas.fill(MARGIN, y - 2, length, 4, OCCUPIED);
     canvas.fill(MARGIN, y - 8, 2, 16, OCCUPIED);
     canvas.fill(MARGIN + length - 2, y - 8, 2, 16, OCCUPIED);
@@ -141,9 +148,9 @@ fn round_length(limit: f64) -> f64 {
 
 /// The colours of path or cloud from first to last, and what these stand for.
 fn draw_colours(canvas: &mut Canvas, [first, last]: [&str; 2]) {
-    let bar = canvas.width() / 5;
-    let y = canvas.height() - FOOTER + FOOTER_ROWS[0];
-    let left = canvas.width().saturating_sub(MARGIN + Canvas::text_width(2, last) + 10 + bar);
+    let bar = canvas.width / 5;
+    let y = canvas.height - FOOTER + FOOTER_ROWS[0];
+    let left = canvas.width.saturating_sub(MARGIN + Canvas::text_width(2, last) + 10 + bar);
     for x in 0..bar {
         canvas.fill(left + x, y - 4, 1, 8, colour_at(x as f64 / bar as f64));
     }
@@ -153,12 +160,12 @@ fn draw_colours(canvas: &mut Canvas, [first, last]: [&str; 2]) {
 
 fn encode(canvas: &Canvas) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    let (width, height) = (canvas.width() as u32, canvas.height() as u32);
+    let (width, height) = (canvas.width as u32, canvas.height as u32);
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     let mut writer = encoder.write_header().map_err(io::Error::other)?;
-    writer.write_image_data(canvas.bytes()).map_err(io::Error::other)?;
+    writer.write_image_data(&canvas.bytes).map_err(io::Error::other)?;
     writer.finish().map_err(io::Error::other)?;
     Ok(bytes)
 }

@@ -14,7 +14,7 @@ use crate::mapping::saved_map::{self, SavedMap};
 use crate::maps::io::{PGM_SIDE_MAX, write_map};
 use crate::maps::occupancy::OccupancyMap;
 use crate::maps::picture::{PictureNotes, write_picture};
-use crate::output::write_file;
+use crate::output::{cannot_write, save_json};
 use crate::program::Program;
 use crate::results::quality::Quality;
 use crate::results::report::{Cost, Ending, RunReport, Source, peak_memory_bytes};
@@ -52,17 +52,11 @@ impl<L: LowLevel> Run<'_, L> {
         // Without a known cell there is nothing to draw; the report says how many beams hit.
         let raster = map.raster(PGM_SIDE_MAX);
         if let Some(raster) = &raster {
-            write_map(folder, raster).with_context(|| cannot_write(&folder.join("map.pgm")))?;
+            write_map(folder, "map", raster)?;
         }
         if let Some(raster) = map.raster(self.config.map.picture_px) {
-            let file = folder.join("map.png");
-            write_picture(
-                &file,
-                &raster,
-                &trajectory,
-                &PictureNotes { truth: &[], has_times: about.source.has_times(), found_after_s: 0.0 },
-            )
-            .with_context(|| cannot_write(&file))?;
+            let notes = PictureNotes { truth: &[], has_times: about.source.has_times(), found_after_s: 0.0 };
+            write_picture(&folder.join("map.png"), &raster, &trajectory, &notes)?;
         }
         let size_m = raster.map(|raster| [raster.width, raster.height].map(|side| side as f64 * raster.pixel_size_m));
         let fits: Vec<_> = self.places.iter().map(|place| (place.stamp, place.fit)).collect();
@@ -72,9 +66,7 @@ impl<L: LowLevel> Run<'_, L> {
         saved.write(folder).with_context(|| cannot_write(&folder.join(saved_map::FILE_NAME)))?;
         self.working += started.elapsed();
         let report = self.report(about, quality);
-        let file = folder.join("run.json");
-        let text = serde_json::to_string_pretty(&report)? + "\n";
-        write_file(&file, text.as_bytes()).with_context(|| cannot_write(&file))?;
+        save_json(&folder.join("run.json"), &report)?;
         Ok(report)
     }
 
@@ -142,8 +134,4 @@ impl<L: LowLevel> Run<'_, L> {
             peak_memory_bytes: peak_memory_bytes(),
         }
     }
-}
-
-fn cannot_write(file: &Path) -> String {
-    format!("{}: cannot be written", file.display())
 }

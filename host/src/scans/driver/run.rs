@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::time::{Duration as WallDuration, Instant as WallInstant, SystemTime, UNIX_EPOCH};
 
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_lrf::driver::{Counters, Event, Input, NEVER, Output, Step, drain, run_bytes};
+use lrfslam_lrf::driver::{Counters, Event, Input, NEVER, Output, Step, run_input};
 
 use super::search::{GaveUp, Search, Signs, Verdict};
 use crate::scans::family::LrfFamily;
@@ -238,13 +238,7 @@ impl DriverRun<'_, '_> {
             }
             Output::Timeout(_) => {}
         };
-        self.deadline = match input {
-            Input::Bytes(bytes) => run_bytes(driver, now, bytes, &mut take),
-            input => {
-                let _ = driver.handle_input(now, input);
-                drain(driver, &mut take)
-            }
-        };
+        self.deadline = run_input(driver, now, input, &mut take);
         self.done |= done;
         self.broke |= broke;
         faults.iter().for_each(|error| self.tell(DriverEvent::RecordingFailed(error)));

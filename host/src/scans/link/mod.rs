@@ -3,7 +3,6 @@
 //! A link moves bytes and sets the rate; what they mean is the core's business, and when to send them the
 //! [`driver`](crate::scans::driver)'s. Faults are not here but where a test puts them: in front of the far end.
 
-mod memory;
 mod serial;
 mod tcp;
 
@@ -11,7 +10,6 @@ use std::io;
 use std::str::FromStr;
 use std::time::Duration;
 
-pub use memory::{FarEnd, MemoryLink, Sent, memory_pair};
 pub use serial::SerialLink;
 pub use tcp::TcpLink;
 

@@ -25,7 +25,7 @@ use crate::scans::recording::{RecordPlan, Recorder, RecordingEnd, RecordingHeade
 use replay::replay;
 use words::Words;
 
-pub use stream::ScanStream;
+pub use stream::{ScanStream, taken};
 
 /// How soon it is noticed that the user wants an end.
 pub(crate) const NOTICED_AFTER: Duration = Duration::from_millis(50);
@@ -101,6 +101,9 @@ pub enum Item<'a> {
     Said(&'a str),
 }
 
+/// What takes the items of a source; it breaks when it has enough.
+pub type Take<'t> = dyn FnMut(Item<'_>) -> ControlFlow<()> + 't;
+
 /// How a source ended.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SourceReport {
@@ -143,13 +146,9 @@ impl SourceReport {
 /// # Errors
 /// If the recording cannot be read, or the file to record to not be made; [`NoLaser`] if nothing at the port scans. After the
 /// first scan a port that is gone is no error: it is told, and tried again.
-pub fn for_each_scan(
-    source: &ScanSource,
-    stop: &AtomicBool,
-    take: &mut dyn FnMut(Item<'_>) -> ControlFlow<()>,
-) -> anyhow::Result<SourceReport> {
+pub fn for_each_scan(source: &ScanSource, stop: &AtomicBool, take: &mut Take<'_>) -> anyhow::Result<SourceReport> {
     match source {
-        ScanSource::Live(laser) => live(laser, stop, take),
+        ScanSource::Live(laser) => live_over(laser, &mut || laser.address.open(), stop, take),
         ScanSource::Recording { path, fast } => replay(path, *fast, stop, take),
     }
 }
@@ -161,24 +160,27 @@ enum Message {
     Said(String),
 }
 
+impl Message {
+    fn item(&self) -> Item<'_> {
+        match self {
+            Message::Scan { stamp, range_max_m, beams } => {
+                Item::Scan(RangeScan { stamp: *stamp, range_max_m: *range_max_m, beams })
+            }
+            Message::Identified(identity) => Item::Identified(identity),
+            Message::Said(text) => Item::Said(text),
+        }
+    }
+}
+
 /// Scans that may wait for a slow consumer.
 const WAITING: usize = 64;
-
-fn live(
-    laser: &LiveLaser,
-    stop: &AtomicBool,
-    take: &mut dyn FnMut(Item<'_>) -> ControlFlow<()>,
-) -> anyhow::Result<SourceReport> {
-    let address = laser.address.clone();
-    live_over(laser, &mut || address.open(), stop, take)
-}
 
 /// * `open` — opens the laser's port
 fn live_over(
     laser: &LiveLaser,
     open: &mut Opener<'_>,
     stop: &AtomicBool,
-    take: &mut dyn FnMut(Item<'_>) -> ControlFlow<()>,
+    take: &mut Take<'_>,
 ) -> anyhow::Result<SourceReport> {
     let options = LrfOptions { has_baud: laser.address.has_baud(), ..laser.options.clone() };
     let header = RecordingHeader {
@@ -209,19 +211,12 @@ fn live_over(
 }
 
 /// Gives messages to the consumer until the reader is done; breaking asks the reader to stop.
-fn consume(receiver: &Receiver<Message>, enough: &AtomicBool, take: &mut dyn FnMut(Item<'_>) -> ControlFlow<()>) {
+fn consume(receiver: &Receiver<Message>, enough: &AtomicBool, take: &mut Take<'_>) {
     while let Ok(message) = receiver.recv() {
         if enough.load(Ordering::Relaxed) && matches!(message, Message::Scan { .. }) {
             continue;
         }
-        let flow = match &message {
-            Message::Scan { stamp, range_max_m, beams } => {
-                take(Item::Scan(RangeScan { stamp: *stamp, range_max_m: *range_max_m, beams }))
-            }
-            Message::Identified(identity) => take(Item::Identified(identity)),
-            Message::Said(text) => take(Item::Said(text)),
-        };
-        if flow.is_break() {
+        if take(message.item()).is_break() {
             enough.store(true, Ordering::Relaxed);
         }
     }

@@ -6,20 +6,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use lrfslam_core::time::Instant;
-use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, drain, run_bytes};
+use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, run_input};
 
 use super::words::tell;
-use super::{Item, Message, SourceReport};
+use super::{Item, SourceReport, Take};
 use crate::scans::driver::LaserMemory;
 use crate::scans::recording::{RecordingEnd, RecordingReader};
 
 /// Gives a recorded driver its recorded inputs at their recorded times: it then says what it said.
-pub(super) fn replay(
-    path: &Path,
-    fast: bool,
-    stop: &AtomicBool,
-    take: &mut dyn FnMut(Item<'_>) -> ControlFlow<()>,
-) -> anyhow::Result<SourceReport> {
+pub(super) fn replay(path: &Path, fast: bool, stop: &AtomicBool, take: &mut Take<'_>) -> anyhow::Result<SourceReport> {
     let mut reader = RecordingReader::open(path)?;
     let mut memory = LaserMemory::default();
     let options = reader.header().lrf.clone();
@@ -48,7 +43,7 @@ fn give(
     now: Instant,
     input: Input<'_>,
     report: &mut SourceReport,
-    take: &mut dyn FnMut(Item<'_>) -> ControlFlow<()>,
+    take: &mut Take<'_>,
 ) -> ControlFlow<()> {
     let mut flow = ControlFlow::Continue(());
     let mut sink = |output: Output<'_>| {
@@ -61,21 +56,9 @@ fn give(
             flow = take(Item::Scan(scan));
             return;
         }
-        tell(event, &mut |message| match &message {
-            Message::Identified(identity) => flow = take(Item::Identified(identity)),
-            Message::Said(text) => flow = take(Item::Said(text)),
-            Message::Scan { .. } => {}
-        });
+        tell(event, &mut |message| flow = take(message.item()));
     };
-    match input {
-        Input::Bytes(bytes) => {
-            run_bytes(driver, now, bytes, &mut sink);
-        }
-        input => {
-            let _ = driver.handle_input(now, input);
-            drain(driver, &mut sink);
-        }
-    }
+    run_input(driver, now, input, &mut sink);
     flow
 }
 

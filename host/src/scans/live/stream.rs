@@ -104,7 +104,8 @@ fn fetch(
     })
 }
 
-fn taken(scan: &RangeScan<'_>, number: u64) -> LogScan {
+/// A scan of a laser, its `number`th, kept as one of a log is.
+pub fn taken(scan: &RangeScan<'_>, number: u64) -> LogScan {
     LogScan {
         stamp: scan.stamp,
         range_max_m: scan.range_max_m,

@@ -1,14 +1,16 @@
 //! Lasers without a simulator, played over a link in memory.
 
+mod memory_link;
+
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration as WallDuration;
 
 use lrfslam_lrf::ldrobot::{Packet, Point};
 use lrfslam_lrf::rplidar::{Capsule, Descriptor, Request, ResponseKind};
 
+use self::memory_link::{FarEnd, Sent, memory_pair};
 use super::*;
 use crate::scans::family::LrfFamily;
-use crate::scans::link::{FarEnd, Sent, memory_pair};
 use crate::scans::recording::RecordingReader;
 
 /// An A1: samples every 0.9 degrees, 12 turns a second, and only at its own rate.

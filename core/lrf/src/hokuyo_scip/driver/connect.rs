@@ -1,12 +1,13 @@
 //! From an open port to a sensor that is known, at the rate asked for, its clock compared.
 
-use super::{Ask, Dialogue, State};
+use super::{Ask, Dialogue};
 use crate::clock::{ClockOffset, MAX_EXCHANGES, PERIOD_24_BIT_MS, Stamp, StampUnwrapper};
-use crate::dialogue::{Patience, Pending};
-use crate::driver::{BaudPolicy, BaudRates, Cause, Identity, Step};
+use crate::dialogue::{DialogueBase, Patience, Pending, State, wire_time};
+use crate::driver::{BaudRates, Cause, Identity};
 use crate::hokuyo_scip::command::Acquire;
 use crate::hokuyo_scip::parameters::{SensorParameters, cut};
 use crate::hokuyo_scip::reply::{Reply, Status};
+use crate::session::Session;
 use lrfslam_scan::time::{Duration, Instant};
 
 /// Rates of the `SS` command, the power-up rate first, bit/s.
@@ -20,55 +21,70 @@ const SETTLE: Duration = Duration::from_millis(200);
 /// Attempts to lead a sensor out of SCIP 1.1 or time mode at one rate.
 const MAX_DETOURS: u8 = 3;
 
-impl Dialogue<'_> {
-    pub(super) fn on_connected(&mut self, now: Instant) {
-        self.raise_failures = 0;
-        self.base.back_off.reset();
-        self.find(now);
+impl Session for Dialogue<'_> {
+    type Ask = Ask;
+
+    fn base(&mut self) -> &mut DialogueBase<Ask> {
+        &mut self.base
     }
 
-    pub(super) fn on_disconnected(&mut self) {
-        if self.state != State::Idle {
-            self.base.unplugged();
-            self.state = State::Idle;
-        }
-    }
-
-    /// Begins to look, at the rate most likely.
-    pub(super) fn find(&mut self, now: Instant) {
-        self.base.rates = match self.config.baud {
-            BaudPolicy::NoRate => BaudRates::default(),
-            policy => BaudRates::new([self.base.last_good_baud, policy.wanted()].into_iter().chain(RATES)),
-        };
-        self.base.rate_index = 0;
+    fn forget(&mut self) -> BaudRates {
         self.is_usb = false;
         self.stamps = StampUnwrapper::new(PERIOD_24_BIT_MS);
         self.offset = ClockOffset::default();
-        self.flush(now);
+        self.config.baud.rates(self.base.last_good_baud, &RATES)
     }
 
-    /// Ends half a command, and listens until it is quiet.
-    fn flush(&mut self, now: Instant) {
+    /// A line feed ends half a command; then it listens until it is quiet.
+    fn look(&mut self, now: Instant) {
         self.base.set_rate();
         self.base.outbox.transmit(b"\n");
         self.noise = Default::default();
         self.detours = 0;
-        self.state = State::Flush;
+        self.base.state = State::Pausing(Ask::Quit);
         self.base.patience = Patience::new(now, QUIET, QUIET_AT_MOST);
     }
 
-    fn try_next_rate(&mut self, now: Instant) {
-        self.base.rate_index += 1;
-        if self.base.rates.get(self.base.rate_index).is_some() {
-            self.flush(now);
-        } else {
-            self.restart(now, Step::Find, Cause::NoReply, Ask::Quit.text());
+    fn attempts(&self, ask: Ask) -> u8 {
+        match ask {
+            Ask::Quit => u8::from(self.base.rate_index == 0),
+            _ => 2,
         }
     }
 
+    fn send(&mut self, now: Instant, ask: Ask) {
+        let command = self.command(ask).emit();
+        let mut line: heapless::Vec<u8, 24> = heapless::Vec::new();
+        // The line feed before ends what is left of a damaged command; an empty line is ignored.
+        let _ = line.push(b'\n');
+        let _ = line.extend_from_slice(&command);
+        let _ = line.push(b'\n');
+        self.base.outbox.transmit(&line);
+        self.sent_at = now;
+        self.base.patience = Patience::new(now, self.reply_wait(), Duration::from_millis(3000));
+    }
+
+    fn on_no_reply(&mut self, now: Instant, ask: Ask) {
+        match ask {
+            Ask::Quit | Ask::SwitchToScip2 | Ask::LeaveTime => self.try_next_rate(now),
+            // Not every model has a clock to read.
+            Ask::EnterTime | Ask::ReadTime => self.ask(now, Ask::EndTime),
+            Ask::EndTime => self.ask(now, Ask::LaserOn),
+            Ask::Stop => self.base.stopped(false),
+            _ => self.fail(now, ask, Cause::NoReply),
+        }
+    }
+}
+
+impl Dialogue<'_> {
+    /// A sensor answers at its next turn (100 ms for the slowest), and the longest reply has 250 bytes.
+    fn reply_wait(&self) -> Duration {
+        Duration::from_micros(400_000 + wire_time(250, self.line_baud()).micros)
+    }
+
     pub(super) fn on_bytes(&mut self, now: Instant, bytes: &[u8]) {
-        match self.state {
-            State::Flush => self.base.patience.put_off(now, QUIET),
+        match self.base.state {
+            State::Pausing(Ask::Quit) => self.base.patience.put_off(now, QUIET),
             State::Asking(Ask::Quit) => {
                 self.noise.add(bytes);
                 if self.noise.is_wrong_rate() {
@@ -95,28 +111,13 @@ impl Dialogue<'_> {
             Ask::ReadTime => self.on_time(now, reply),
             Ask::EnterTime | Ask::EndTime => self.ask(now, Ask::LaserOn),
             Ask::LaserOn if reply.status == Status::code(1) => {
-                self.restart(now, Step::Start, Cause::HardwareFault(reply.status.bytes()), ask.text());
+                self.fail(now, ask, Cause::HardwareFault(reply.status.bytes()));
             }
             Ask::LaserOn => self.ask(now, Ask::Stream),
             Ask::Stream if reply.status == Status::OK => self.begin_streaming(now),
             Ask::Stream if reply.status == Status::SCAN => self.on_scan(now, reply),
-            Ask::Stream => self.restart(now, Step::Start, refused, ask.text()),
-            Ask::Stop => self.stopped(true),
-        }
-    }
-
-    pub(super) fn on_no_reply(&mut self, now: Instant, ask: Ask) {
-        match ask {
-            Ask::Quit | Ask::SwitchToScip2 | Ask::LeaveTime => self.try_next_rate(now),
-            Ask::Rate | Ask::VerifyRate => {
-                self.raise_failures += 1;
-                self.restart(now, Step::RaiseBaud, Cause::NoReply, ask.text());
-            }
-            // Not every model has a clock to read.
-            Ask::EnterTime | Ask::ReadTime => self.ask(now, Ask::EndTime),
-            Ask::EndTime => self.ask(now, Ask::LaserOn),
-            Ask::Stop => self.stopped(false),
-            _ => self.restart(now, ask.step(), Cause::NoReply, ask.text()),
+            Ask::Stream => self.fail(now, ask, refused),
+            Ask::Stop => self.base.stopped(true),
         }
     }
 
@@ -128,7 +129,7 @@ impl Dialogue<'_> {
         }
         self.detours += 1;
         if self.detours > MAX_DETOURS {
-            return self.restart(now, Step::Find, Cause::Refused(status.bytes()), Ask::Quit.text());
+            return self.fail(now, Ask::Quit, Cause::Refused(status.bytes()));
         }
         self.ask(now, if status.is_scip1() { Ask::SwitchToScip2 } else { Ask::LeaveTime });
     }
@@ -149,11 +150,11 @@ impl Dialogue<'_> {
     fn on_parameters(&mut self, now: Instant, reply: &Reply<'_>) {
         let damaged = reply.info().any(|line| !line.sum_is_right);
         // A wrong sum may be the sensor's own habit: ask again, and in the end take it.
-        if damaged && self.attempts_left > 0 {
+        if damaged && self.base.attempts_left > 0 {
             return;
         }
         let Some(parameters) = SensorParameters::parse(reply) else {
-            return self.restart(now, Step::Identify, Cause::BadParameters, Ask::Parameters.text());
+            return self.fail(now, Ask::Parameters, Cause::BadParameters);
         };
         let full = parameters.full_view();
         let (first, last) = self.config.steps.unwrap_or((full.first, full.last));
@@ -177,7 +178,7 @@ impl Dialogue<'_> {
             }
         }
         self.base.outbox.push(Pending::Identified);
-        let change = !self.is_usb && self.config.baud.wants_change(self.base.baud) && self.raise_failures < 2;
+        let change = !self.is_usb && self.base.wants_raise(self.config.baud);
         if change { self.ask(now, Ask::Rate) } else { self.compare_clocks(now) }
     }
 
@@ -185,14 +186,11 @@ impl Dialogue<'_> {
         if status != Status::OK {
             // 03: it has that rate already; 04, 0F, 0E: this model cannot. Go on at the rate found.
             if status != Status::code(3) {
-                self.raise_failures = u8::MAX;
+                self.base.raise_failures = u8::MAX;
             }
             return self.compare_clocks(now);
         }
-        self.base.baud = self.config.baud.wanted();
-        self.base.outbox.push(Pending::SetBaud(self.base.baud));
-        self.state = State::Settle;
-        self.base.patience = Patience::new(now, SETTLE, SETTLE);
+        self.base.change_rate(now, self.config.baud.wanted(), SETTLE, Ask::VerifyRate);
     }
 
     fn compare_clocks(&mut self, now: Instant) {

@@ -1,8 +1,8 @@
 //! From the first scan to the last.
 
-use super::{Ask, Dialogue, State};
+use super::{Ask, Dialogue};
 use crate::clock::Stamp;
-use crate::dialogue::{Patience, Pending, wire_time};
+use crate::dialogue::{State, scan_wait, wire_time};
 use crate::driver::{Cause, Step};
 use crate::hokuyo_scip::reply::{BLOCK, Reply, Status};
 use crate::hokuyo_scip::scan::read_scan;
@@ -15,10 +15,9 @@ const STREAM_ECHO: usize = 15;
 
 impl Dialogue<'_> {
     pub(super) fn begin_streaming(&mut self, now: Instant) {
-        self.state = State::Streaming;
-        self.bad_in_a_row = 0;
-        self.base.outbox.push(Pending::Streaming(self.line_baud(), self.scan_period()));
-        self.watch(now, Duration::from_millis(1500));
+        let period = self.scan_period();
+        let first = scan_wait(period, Duration::from_millis(1500));
+        self.base.begin_streaming(now, self.line_baud(), period, first);
     }
 
     /// A frame while scans are expected.
@@ -34,37 +33,31 @@ impl Dialogue<'_> {
     }
 
     pub(super) fn on_scan(&mut self, now: Instant, reply: &Reply<'_>) {
-        if self.state != State::Streaming {
+        if self.base.state != State::Streaming {
             self.begin_streaming(now);
         }
-        let Some(parameters) = &self.parameters else {
-            return;
-        };
-        let Ok(header) = read_scan(reply, parameters, &self.acquire, self.beams) else {
+        let Some(parameters) = &self.parameters else { return };
+        let Ok(header) = read_scan(reply, parameters, &self.acquire, self.memory.beams) else {
             return self.refuse(now);
         };
         let transit = parameters.step_time(self.acquire.last);
         let stamp_ms = match self.stamps.unwrap(header.stamp_ms) {
             Stamp::At(stamp_ms) => stamp_ms,
-            Stamp::Reset => return self.restart(now, Step::Stream, Cause::Reset, ""),
-            Stamp::Stuck => return self.restart(now, Step::Stream, Cause::StuckClock, ""),
+            Stamp::Reset => return self.base.lose(now, Cause::Reset),
+            Stamp::Stuck => return self.base.lose(now, Cause::StuckClock),
         };
         // Both are no earlier than the truth: reading late makes the first late, reading in pieces the second.
         let first_byte = Instant::from_micros(now.micros - wire_time(self.scan_bytes(), self.line_baud()).micros);
         let stamp = self.offset.stamp(self.frame_began.min(first_byte), stamp_ms, transit);
-        self.scan_stamp = Instant::from_micros(stamp.micros - self.config.latency.micros);
-        self.scan_len = header.beams;
+        let stamp = Instant::from_micros(stamp.micros - self.config.latency.micros);
+        self.memory.keep(header.beams, stamp, self.base.identity.range_max_m);
         self.base.announce_scan();
-        self.bad_in_a_row = 0;
-        self.watch(now, Duration::from_millis(500));
+        self.base.wait(now, scan_wait(self.scan_period(), Duration::from_millis(500)));
     }
 
     fn refuse(&mut self, now: Instant) {
-        self.base.counters.damaged = self.base.counters.damaged.saturating_add(1);
-        self.bad_in_a_row += 1;
-        if self.bad_in_a_row >= MAX_BAD {
-            self.restart(now, Step::Stream, Cause::Damaged, "");
-        }
+        self.base.count_refused();
+        self.base.bad_scan(now, MAX_BAD);
     }
 
     fn report_fault(&mut self, status: Status) {
@@ -85,24 +78,5 @@ impl Dialogue<'_> {
         let wire = wire_time(self.scan_bytes(), self.line_baud()).micros;
         let turns = (wire / turn + 1).max(i64::from(self.config.interval) + 1);
         Duration::from_micros(turns * turn)
-    }
-
-    /// The next scan is due: three may be damaged before it is called silence.
-    fn watch(&mut self, now: Instant, allowance: Duration) {
-        let wait = Duration::from_micros(4 * self.scan_period().micros + allowance.micros);
-        self.base.patience = Patience::new(now, wait, wait);
-    }
-
-    pub(super) fn on_stop(&mut self, now: Instant) {
-        match self.state {
-            State::Idle => self.stopped(false),
-            State::Asking(Ask::Stop) => {}
-            _ => self.ask(now, Ask::Stop),
-        }
-    }
-
-    pub(super) fn stopped(&mut self, laser_off: bool) {
-        self.base.stopped(laser_off);
-        self.state = State::Idle;
     }
 }

@@ -1,8 +1,9 @@
 //! From an open port to a sensor that answers.
 
-use super::{Ask, Dialogue, State};
-use crate::dialogue::{Patience, wire_time};
-use crate::driver::{BaudPolicy, BaudRates, Cause, Step};
+use super::{Ask, Dialogue};
+use crate::dialogue::{DialogueBase, Patience, State, wire_time};
+use crate::driver::{BaudRates, Cause, Step};
+use crate::session::{Question as _, Session};
 use crate::sick_lms::reply::{DeviceStatus, ModeResult, Reply, ReplyBody};
 use crate::sick_lms::telegram::MAX_TELEGRAM;
 use lrfslam_scan::time::{Duration, Instant};
@@ -10,32 +11,18 @@ use lrfslam_scan::time::{Duration, Instant};
 /// Rates in the order of their likelihood: power-up, the fastest on RS-232, on RS-422, bit/s.
 pub const RATES: [u32; 4] = [9_600, 38_400, 500_000, 19_200];
 
-impl Dialogue<'_> {
-    pub(super) fn on_connected(&mut self, now: Instant) {
-        self.raise_failures = 0;
-        self.setup_refused = false;
-        self.base.back_off.reset();
-        self.find(now);
+impl Session for Dialogue<'_> {
+    type Ask = Ask;
+
+    fn base(&mut self) -> &mut DialogueBase<Ask> {
+        &mut self.base
     }
 
-    pub(super) fn on_disconnected(&mut self) {
-        if self.state != State::Idle {
-            self.base.unplugged();
-            self.state = State::Idle;
-        }
-    }
-
-    /// Begins to look, at the rate most likely.
-    pub(super) fn find(&mut self, now: Instant) {
-        self.base.rates = match self.config.baud {
-            BaudPolicy::NoRate => BaudRates::default(),
-            policy => BaudRates::new([self.base.last_good_baud, policy.wanted()].into_iter().chain(RATES)),
-        };
-        self.base.rate_index = 0;
+    fn forget(&mut self) -> BaudRates {
         self.turns_refused = false;
         self.variant_known = false;
         self.fault_reported = false;
-        self.look(now);
+        self.config.baud.rates(self.base.last_good_baud, &RATES)
     }
 
     fn look(&mut self, now: Instant) {
@@ -43,19 +30,50 @@ impl Dialogue<'_> {
         self.ask(now, Ask::Quiet);
     }
 
-    fn try_next_rate(&mut self, now: Instant) {
-        self.base.rate_index += 1;
-        if self.base.rates.get(self.base.rate_index).is_some() {
-            self.look(now);
-        } else {
-            self.restart(now, Step::Find, Cause::NoReply, Ask::Quiet.text());
+    fn attempts(&self, ask: Ask) -> u8 {
+        match ask {
+            // The first may complete half a telegram in the sensor's buffer and be lost with it.
+            Ask::Quiet | Ask::SetConfig => 1,
+            _ => 2,
         }
     }
 
+    /// A wrong rate makes much noise and no telegram.
+    fn is_hopeless(&self, ask: Ask) -> bool {
+        ask == Ask::Quiet && self.noise > 60 && !self.heard_scan
+    }
+
+    fn send(&mut self, now: Instant, ask: Ask) {
+        let telegram = self.request(ask).emit();
+        self.base.outbox.transmit(&telegram);
+        (self.noise, self.heard_scan) = (0, false);
+        let (wait, at_most) = ask.waits();
+        let at_most = match ask {
+            Ask::Quiet => Duration::from_micros(wait.micros + 2 * self.longest_telegram().micros),
+            _ => at_most,
+        };
+        self.base.patience = Patience::new(now, wait, at_most);
+    }
+
+    fn on_no_reply(&mut self, now: Instant, ask: Ask) {
+        match ask {
+            Ask::Quiet => self.try_next_rate(now),
+            // Not every firmware knows these.
+            Ask::Type => self.ask(now, Ask::Status),
+            Ask::Status => self.ask(now, Ask::Config),
+            Ask::Config => self.after_config(now),
+            Ask::StreamTurns => self.without_turns(now),
+            Ask::Stop => self.base.stopped(false),
+            _ => self.fail(now, ask, Cause::NoReply),
+        }
+    }
+}
+
+impl Dialogue<'_> {
     /// Bytes, perhaps of a long telegram: wait for its end. At a wrong rate there is no end of bytes, so there is a limit.
     pub(super) fn on_bytes(&mut self, now: Instant, count: usize) {
         self.noise = self.noise.saturating_add(count as u32);
-        if let State::Asking(_) = self.state {
+        if let State::Asking(_) = self.base.state {
             self.base.patience.put_off(now, self.longest_telegram());
         }
     }
@@ -67,7 +85,7 @@ impl Dialogue<'_> {
 
     /// The sensor took the request; a change of mode may take 3 s.
     pub(super) fn on_ack(&mut self, now: Instant) {
-        if let State::Asking(_) = self.state {
+        if let State::Asking(_) = self.base.state {
             // In garbage any byte may look like an ACK: the limit holds.
             self.base.patience.put_off(now, Duration::from_millis(1000));
         }
@@ -75,12 +93,10 @@ impl Dialogue<'_> {
 
     /// The sensor could not read the request: send it again at once.
     pub(super) fn on_nak(&mut self, now: Instant) {
-        if let State::Asking(ask) = self.state
+        if let State::Asking(ask) = self.base.state
             && ask != Ask::Quiet
-            && self.attempts_left > 0
         {
-            self.attempts_left -= 1;
-            self.send(now, ask);
+            self.ask_again(now, ask);
         }
     }
 
@@ -98,7 +114,7 @@ impl Dialogue<'_> {
                 self.base.found();
                 self.ask(now, Ask::Type);
             }
-            (Ask::Stop, ReplyBody::Mode(ModeResult::Done)) => self.stopped(true),
+            (Ask::Stop, ReplyBody::Mode(ModeResult::Done)) => self.base.stopped(true),
             (_, ReplyBody::Refused) => self.on_refused(now, ask, Cause::Refused([0x92, 0])),
             _ => self.on_setup_reply(now, ask, reply),
         }
@@ -108,8 +124,7 @@ impl Dialogue<'_> {
     fn on_late_scan(&mut self, now: Instant) {
         if !self.heard_scan {
             self.heard_scan = true;
-            let wait = Duration::from_millis(3000);
-            self.base.patience = Patience::new(now, wait, wait);
+            self.base.wait(now, Duration::from_millis(3000));
         }
     }
 
@@ -117,25 +132,8 @@ impl Dialogue<'_> {
     fn on_power_on(&mut self, now: Instant, ask: Ask) {
         match ask {
             Ask::Quiet => self.send(now, ask),
-            Ask::Stop => self.stopped(true),
-            _ => self.restart(now, ask.step(), Cause::Reset, ""),
-        }
-    }
-
-    pub(super) fn on_no_reply(&mut self, now: Instant, ask: Ask) {
-        match ask {
-            Ask::Quiet => self.try_next_rate(now),
-            Ask::Rate | Ask::VerifyRate => {
-                self.raise_failures += 1;
-                self.restart(now, Step::RaiseBaud, Cause::NoReply, ask.text());
-            }
-            // Not every firmware knows these.
-            Ask::Type => self.ask(now, Ask::Status),
-            Ask::Status => self.ask(now, Ask::Config),
-            Ask::Config => self.after_config(now),
-            Ask::StreamTurns => self.without_turns(now),
-            Ask::Stop => self.stopped(false),
-            _ => self.restart(now, ask.step(), Cause::NoReply, ask.text()),
+            Ask::Stop => self.base.stopped(true),
+            _ => self.base.begin_anew(now, ask.step(), Cause::Reset, ""),
         }
     }
 

@@ -1,8 +1,9 @@
 //! What the sensor is, and what it is to be.
 
-use super::{Ask, Dialogue, State};
-use crate::dialogue::{Patience, Pending};
+use super::{Ask, Dialogue};
+use crate::dialogue::Pending;
 use crate::driver::{Cause, Identity, Step};
+use crate::session::{Question as _, Session as _};
 use crate::sick_lms::config_block::ConfigBlock;
 use crate::sick_lms::reply::{ModeResult, Reply, ReplyBody, StatusReport};
 use crate::sick_lms::scan::TURN;
@@ -26,10 +27,7 @@ impl Dialogue<'_> {
                 self.after_config(now);
             }
             (Ask::Rate, ReplyBody::Mode(ModeResult::Done)) => {
-                self.base.baud = self.config.baud.wanted();
-                self.base.outbox.push(Pending::SetBaud(self.base.baud));
-                self.state = State::Settle;
-                self.base.patience = Patience::new(now, SETTLE, SETTLE);
+                self.base.change_rate(now, self.config.baud.wanted(), SETTLE, Ask::VerifyRate);
             }
             (Ask::VerifyRate, ReplyBody::Status(_)) => {
                 self.base.last_good_baud = self.base.baud;
@@ -40,16 +38,14 @@ impl Dialogue<'_> {
                 self.variant = if variant.is_possible() { *variant } else { self.variant };
                 self.variant_known |= variant.is_possible();
                 if !now_holds {
-                    self.setup_refused = true;
-                    self.base.warn(Step::Configure, Cause::Refused([0xBB, 0]), ask.text());
+                    self.refuse_setup(ask, Cause::Refused([0xBB, 0]));
                 }
                 self.after_variant(now);
             }
             (Ask::Install, ReplyBody::Mode(ModeResult::Done)) => self.ask(now, Ask::SetConfig),
             (Ask::SetConfig, ReplyBody::ConfigSet(taken, _)) => {
                 if !*taken {
-                    self.setup_refused = true;
-                    self.base.warn(Step::Configure, Cause::Refused([0xF7, 0]), ask.text());
+                    self.refuse_setup(ask, Cause::Refused([0xF7, 0]));
                 }
                 self.ask(now, Ask::LeaveInstall);
             }
@@ -68,23 +64,27 @@ impl Dialogue<'_> {
             Ask::Status => self.ask(now, Ask::Config),
             Ask::Config => self.after_config(now),
             Ask::Rate => {
-                self.raise_failures = u8::MAX;
+                self.base.raise_failures = u8::MAX;
                 self.base.warn(Step::RaiseBaud, cause, ask.text());
                 self.after_rate(now);
             }
             Ask::Variant => {
-                self.setup_refused = true;
-                self.base.warn(Step::Configure, cause, ask.text());
+                self.refuse_setup(ask, cause);
                 self.after_variant(now);
             }
             Ask::Install | Ask::SetConfig => {
-                self.setup_refused = true;
-                self.base.warn(Step::Configure, cause, ask.text());
+                self.refuse_setup(ask, cause);
                 self.ask(now, Ask::LeaveInstall);
             }
             Ask::StreamTurns => self.without_turns(now),
-            _ => self.restart(now, ask.step(), cause, ask.text()),
+            _ => self.fail(now, ask, cause),
         }
+    }
+
+    /// It goes on as the sensor is set.
+    fn refuse_setup(&mut self, ask: Ask, cause: Cause) {
+        self.setup_refused = true;
+        self.base.warn(Step::Configure, cause, ask.text());
     }
 
     pub(super) fn without_turns(&mut self, now: Instant) {
@@ -94,7 +94,7 @@ impl Dialogue<'_> {
 
     fn on_status(&mut self, now: Instant, report: &StatusReport<'_>) {
         if !report.variant().is_possible() {
-            return self.restart(now, Step::Identify, Cause::BadParameters, Ask::Status.text());
+            return self.fail(now, Ask::Status, Cause::BadParameters);
         }
         self.variant = report.variant();
         self.variant_known = true;
@@ -108,9 +108,9 @@ impl Dialogue<'_> {
     /// Type, status and configuration are known: the first time, the rate comes next; after a new configuration, the scans.
     pub(super) fn after_config(&mut self, now: Instant) {
         if self.layout().is_none() && !self.wants_config() {
-            return self.restart(now, Step::Identify, Cause::BadParameters, Ask::Config.text());
+            return self.fail(now, Ask::Config, Cause::BadParameters);
         }
-        let change = self.config.baud.wants_change(self.base.baud) && self.raise_failures < 2;
+        let change = self.base.wants_raise(self.config.baud);
         if change { self.ask(now, Ask::Rate) } else { self.after_rate(now) }
     }
 

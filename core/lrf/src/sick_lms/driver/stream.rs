@@ -1,8 +1,8 @@
 //! From the first scan to the last.
 
-use super::{Ask, Dialogue, State};
-use crate::dialogue::{Patience, Pending, wire_time};
-use crate::driver::{Cause, Step};
+use super::Dialogue;
+use crate::dialogue::{State, scan_wait, wire_time};
+use crate::driver::Cause;
 use crate::sick_lms::measurement::Measurement;
 use crate::sick_lms::reply::{Reply, ReplyBody};
 use crate::sick_lms::request::Variant;
@@ -15,10 +15,9 @@ const MAX_BAD: u8 = 8;
 
 impl Dialogue<'_> {
     pub(super) fn begin_streaming(&mut self, now: Instant) {
-        self.state = State::Streaming;
-        self.bad_in_a_row = 0;
-        self.base.outbox.push(Pending::Streaming(self.base.baud, self.scan_period()));
-        self.watch(now, Duration::from_millis(1500));
+        let period = self.scan_period();
+        let first = scan_wait(period, Duration::from_millis(1500));
+        self.base.begin_streaming(now, self.base.baud, period, first);
     }
 
     pub(super) fn on_stream(&mut self, now: Instant, reply: &Reply<'_>, length: usize) {
@@ -27,7 +26,7 @@ impl Dialogue<'_> {
                 self.judge(reply.status);
                 self.on_scan(now, measurement, length);
             }
-            ReplyBody::PowerOn(_) | ReplyBody::Reset => self.restart(now, Step::Stream, Cause::Reset, ""),
+            ReplyBody::PowerOn(_) | ReplyBody::Reset => self.base.lose(now, Cause::Reset),
             _ => {}
         }
     }
@@ -37,42 +36,35 @@ impl Dialogue<'_> {
         if let Some(variant) = Variant::with_values(measurement.len()).filter(|_| !self.variant_known) {
             self.variant = variant;
         }
-        let Some(layout) = self.layout() else {
-            return;
-        };
-        let Ok(shape) = layout.read(measurement, self.beams) else {
+        let Some(layout) = self.layout() else { return };
+        let Ok(shape) = layout.read(measurement, self.memory.beams) else {
             return self.refuse(now);
         };
         // Both are no earlier than the truth: reading late makes the first late, reading in pieces the second.
         let first_byte = Instant::from_micros(now.micros - wire_time(length + OVERHEAD, self.base.baud).micros);
         let left = self.telegram_began.min(first_byte);
-        self.scan_stamp = Instant::from_micros(left.micros - shape.sweep.micros - self.config.latency.micros);
-        self.scan_len = shape.beams;
-        self.range_max_m = shape.range_max_m;
+        let stamp = Instant::from_micros(left.micros - shape.sweep.micros - self.config.latency.micros);
+        self.memory.keep(shape.beams, stamp, shape.range_max_m);
         self.base.announce_scan();
-        self.bad_in_a_row = 0;
-        self.watch(now, Duration::from_millis(500));
+        self.base.wait(now, scan_wait(self.scan_period(), Duration::from_millis(500)));
     }
 
     /// A telegram whose sum is right, but whose content is not what was asked for.
     pub(super) fn refuse(&mut self, now: Instant) {
-        self.base.counters.damaged = self.base.counters.damaged.saturating_add(1);
+        self.base.count_refused();
         self.bad(now);
     }
 
     /// Takes note of telegrams that the decoder found damaged.
     pub(super) fn count_damaged(&mut self, now: Instant, damaged: u32) {
-        let new = damaged.wrapping_sub(self.damaged_before);
-        self.damaged_before = damaged;
-        if new > 0 && self.state == State::Streaming {
+        if self.base.is_damage_new(damaged) {
             self.bad(now);
         }
     }
 
     fn bad(&mut self, now: Instant) {
-        self.bad_in_a_row = self.bad_in_a_row.saturating_add(1);
-        if self.bad_in_a_row >= MAX_BAD && self.state == State::Streaming {
-            self.restart(now, Step::Stream, Cause::Damaged, "");
+        if self.base.state == State::Streaming {
+            self.base.bad_scan(now, MAX_BAD);
         }
     }
 
@@ -89,24 +81,5 @@ impl Dialogue<'_> {
         let wire = wire_time(2 * usize::from(values) + 4 + OVERHEAD, self.base.baud).micros;
         let unit = TURN.micros * turns;
         Duration::from_micros((wire / unit + 1) * unit)
-    }
-
-    /// The next scan is due: three may be damaged before it is called silence.
-    fn watch(&mut self, now: Instant, allowance: Duration) {
-        let wait = Duration::from_micros(4 * self.scan_period().micros + allowance.micros);
-        self.base.patience = Patience::new(now, wait, wait);
-    }
-
-    pub(super) fn on_stop(&mut self, now: Instant) {
-        match self.state {
-            State::Idle => self.stopped(false),
-            State::Asking(Ask::Stop) => {}
-            _ => self.ask(now, Ask::Stop),
-        }
-    }
-
-    pub(super) fn stopped(&mut self, laser_off: bool) {
-        self.base.stopped(laser_off);
-        self.state = State::Idle;
     }
 }

@@ -5,9 +5,10 @@ use crate::wire::session::{QueueFullError, Session};
 use lrfslam_core::distributed_map::{DistributedMap, Region, TilePlace};
 use lrfslam_core::time::Instant;
 
-use super::super::report::{CRC32, TILE_BYTES};
+use super::super::report::TILE_BYTES;
 use super::super::sweep_report::KEPT_FREE;
 use super::{ANSWER_TIME, TileCounts};
+use crate::wire::frame::CRC32;
 use lrfslam_core::slam::TILE_SIDE;
 
 /// Most that are on their way.

@@ -3,31 +3,31 @@
 //! All files are in the map's frame, that of `trajectory.tum` and `map.pgm`; it is the truth that is moved, by the best rigid motion.
 
 use std::fmt::Write as _;
-use std::io::{self, Write as _};
 use std::path::Path;
 
 use crate::cli::demo::DemoArgs;
 use crate::config::RunConfig;
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::sweep::{Sweep, SweepMotion};
 use lrfslam_core::time::Duration;
 use lrfslam_firmware_sim::world::{Vector, World};
 use lrfslam_host::maps::cloud::{
-    Cloud, CloudPoint, EdgeFilter, Paint, Projection, TiltMounting, Track, planar, thin, write_pcd, write_ply,
+    Cloud, CloudLook, CloudPoint, EdgeFilter, Paint, Projection, TiltMounting, Track, planar, thin, write_cloud,
 };
 use lrfslam_host::maps::occupancy::OccupancyMap;
-use lrfslam_host::maps::picture::{CloudView, PictureNotes, cloud_png, write_picture};
-use lrfslam_host::output::{PendingFile, write_file};
+use lrfslam_host::maps::picture::{CloudView, PictureNotes, write_picture};
+use lrfslam_host::output::{save_by, save_file};
 use lrfslam_host::plural::count;
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::results::report::Source;
+use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::{TimedPose, by_time, read_trajectory};
 use lrfslam_lab::evaluation::{Statistics, alignment, evaluate_in_frame};
 use nalgebra::Isometry3;
 
 use super::robot::SimulatedRobot;
-use super::session::{DriveRecord, KeptScan};
+use super::session::DriveRecord;
 use super::verdict::{Errors, verdict};
 
 /// Poses belong together if their stamps are the same, to the microsecond that is written.
@@ -37,7 +37,7 @@ const NEAR_M: f64 = 0.05;
 /// Side of the cubes in which one point of the cloud is kept, m.
 const VOXEL_M: f32 = 0.02;
 /// Points higher than this would hide the rooms in the picture, m.
-const CUT_M: f32 = 2.2;
+const CUT_M: f64 = 2.2;
 /// At most so many points are measured against the surfaces; evenly taken from all.
 const JUDGED_MAX: usize = 200_000;
 
@@ -53,10 +53,12 @@ pub fn write(
     let truth_in_world = truth(robot, &drive.level);
     let world_from_map = alignment(&poses, &truth_in_world, SAME)?;
     let truth = moved(&truth_in_world, world_from_map.between(PoseF64::default()));
-    write_truth(&out.join("truth.tum"), &truth)?;
+    save_by(&out.join("truth.tum"), |file| truth.iter().try_for_each(|pose| pose.write_tum(file)))?;
     write_path_picture(&out.join("path.png"), config, (robot, drive), &poses, &truth)?;
     let cloud = cloud(robot, drive, &poses);
-    write_cloud(out, &cloud)?;
+    let view = CloudView { azimuth_deg: 250.0, elevation_deg: 40.0, side: 1400 };
+    let look = CloudLook { paint: Paint::Height, cut_above_m: CUT_M, view };
+    write_cloud(out, &thin(&cloud.points, VOXEL_M), &look)?;
     let distances = distances(&robot.scenario.world, &cloud, world_from_map);
     let aligned = evaluate_in_frame(&poses, &truth, SAME, 10.0)?;
     let errors = Errors {
@@ -68,8 +70,7 @@ pub fn write(
     };
     let verdict = verdict(&errors, &poses, &truth);
     let text = format!("{}\n{verdict}\n", table(args, &errors, &cloud, distances.len(), drive));
-    let file = out.join("errors.md");
-    write_file(&file, text.as_bytes()).with_context(|| cannot_write(&file))?;
+    save_file(&out.join("errors.md"), text.as_bytes())?;
     Ok(text)
 }
 
@@ -83,22 +84,10 @@ fn share_within(distances: &[f64], limit_m: f64) -> f64 {
     distances.iter().filter(|distance| **distance <= limit_m).count() as f64 / distances.len().max(1) as f64
 }
 
-fn cannot_write(file: &Path) -> String {
-    format!("{}: cannot be written", file.display())
-}
-
-/// A pose is that of the middle of a sweep, under the time of its first beam.
-fn middle_of_sweep(scan: &RangeScan<'_>) -> Duration {
-    match (scan.beams.first(), scan.beams.last()) {
-        (Some(first), Some(last)) => Duration::from_micros(first.offset.micros.midpoint(last.offset.micros)),
-        _ => Duration::ZERO,
-    }
-}
-
-fn truth(robot: &SimulatedRobot, scans: &[KeptScan]) -> Vec<TimedPose> {
+fn truth(robot: &SimulatedRobot, scans: &[LogScan]) -> Vec<TimedPose> {
     let pose = |scan: RangeScan<'_>| TimedPose {
         stamp: scan.stamp,
-        map_from_robot: robot.pose(scan.stamp + middle_of_sweep(&scan)).to_f32(),
+        map_from_robot: robot.pose(scan.stamp + scan.middle()).to_f32(),
     };
     let in_order_of_scans: Vec<TimedPose> = scans.iter().map(|kept| pose(kept.scan())).collect();
     by_time(&in_order_of_scans)
@@ -111,15 +100,6 @@ fn moved(path: &[TimedPose], motion: PoseF64) -> Vec<TimedPose> {
         ..*pose
     };
     path.iter().map(moved).collect()
-}
-
-fn write_truth(file: &Path, truth: &[TimedPose]) -> Result<()> {
-    let write = || -> io::Result<()> {
-        let mut out = PendingFile::create(file)?;
-        truth.iter().try_for_each(|pose| pose.write_tum(&mut out))?;
-        out.finish()
-    };
-    write().with_context(|| cannot_write(file))
 }
 
 /// The map drawn from the path as it came out, and the path over the true one.
@@ -142,11 +122,11 @@ fn write_path_picture(
     }
     let Some(raster) = map.raster(config.map.picture_px) else { return Ok(()) };
     let notes = PictureNotes { truth, has_times: true, found_after_s: 0.0 };
-    write_picture(file, &raster, path, &notes).with_context(|| cannot_write(file))
+    write_picture(file, &raster, path, &notes)
 }
 
 fn cloud(robot: &SimulatedRobot, drive: &DriveRecord, path: &[TimedPose]) -> Cloud {
-    let middle = drive.level.first().map_or(Duration::ZERO, |kept| middle_of_sweep(&kept.scan()));
+    let middle = drive.level.first().map_or(Duration::ZERO, |kept| kept.scan().middle());
     // Path, tilt and scans meet on the drive's clock.
     let poses =
         path.iter().map(|pose| (robot.drive_time(pose.stamp) + middle, planar(PoseF64::from(pose.map_from_robot))));
@@ -158,31 +138,10 @@ fn cloud(robot: &SimulatedRobot, drive: &DriveRecord, path: &[TimedPose]) -> Clo
     let projection = Projection { mounting, path, tilt, edges: Some(EdgeFilter::default()) };
     let mut cloud = Cloud::default();
     for kept in &drive.tilted {
-        projection.add(&kept.stamped(robot.drive_time(kept.scan().stamp)), &mut cloud);
+        let scan = RangeScan { stamp: robot.drive_time(kept.stamp), ..kept.scan() };
+        projection.add(&scan, &mut cloud);
     }
     cloud
-}
-
-fn write_cloud(out: &Path, cloud: &Cloud) -> Result<()> {
-    let points = thin(&cloud.points, VOXEL_M);
-    let coloured = Paint::Height.apply(&points);
-    let ply = out.join("cloud.ply");
-    write_points(&ply, |file| write_ply(&coloured, file)).with_context(|| cannot_write(&ply))?;
-    let pcd = out.join("cloud.pcd");
-    write_points(&pcd, |file| write_pcd(&coloured, file)).with_context(|| cannot_write(&pcd))?;
-    let low: Vec<CloudPoint> = points.into_iter().filter(|point| point.position.z < CUT_M).collect();
-    let view = CloudView { azimuth_deg: 250.0, elevation_deg: 40.0, side: 1400 };
-    let file = out.join("cloud.png");
-    let scale = Paint::Height.scale(&low);
-    let picture = cloud_png(&Paint::Height.apply(&low), &view, scale.as_ref()).with_context(|| cannot_write(&file))?;
-    write_file(&file, &picture).with_context(|| cannot_write(&file))
-}
-
-fn write_points(file: &Path, write: impl Fn(&mut PendingFile) -> io::Result<()>) -> io::Result<()> {
-    let mut out = PendingFile::create(file)?;
-    write(&mut out)?;
-    out.flush()?;
-    out.finish()
 }
 
 /// From each point to the nearest true surface, m.
@@ -246,6 +205,6 @@ mod tests {
         let beam = |micros| Beam { bearing_rad: 0.0, offset: Duration::from_micros(micros), echo: Echo::Miss };
         let beams = [beam(0), beam(400), beam(1000)];
         let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
-        assert_eq!(middle_of_sweep(&scan), Duration::from_micros(500));
+        assert_eq!(scan.middle(), Duration::from_micros(500));
     }
 }

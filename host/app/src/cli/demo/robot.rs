@@ -16,9 +16,9 @@ use lrfslam_firmware_sim::pty;
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::scene::{RobotScene, Scene};
 use lrfslam_firmware_sim::tilt::Encoder;
-use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
-use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
-use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
+use lrfslam_firmware_sim::virtual_lrf::hokuyo::HokuyoModel;
+use lrfslam_firmware_sim::virtual_lrf::sick::SickModel;
+use lrfslam_firmware_sim::virtual_lrf::{SensorModel, VirtualLrf};
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::scans::family::{LrfFamily, LrfOptions};
 use lrfslam_host::scans::link::Address;
@@ -183,12 +183,13 @@ impl SimulatedRobot {
 
 fn device(lrf: DemoLrf, scene: Box<dyn Scene>, seed: u64) -> Box<dyn VirtualLrf> {
     let noisy = SickModel::lms200().with_errors(LrfModel::URG_04LX_UG01.errors);
-    match lrf {
-        DemoLrf::Lms200 => Box::new(VirtualSick::new(SickModel::lms200(), scene, seed)),
-        DemoLrf::Lms200Far => Box::new(VirtualSick::new(SickModel::lms200_3016(), scene, seed)),
-        DemoLrf::Lms291 => Box::new(VirtualSick::new(SickModel::lms291(), scene, seed)),
-        DemoLrf::Lms200Noisy => Box::new(VirtualSick::new(noisy, scene, seed)),
-        DemoLrf::Urg04lxUg01 => Box::new(VirtualHokuyo::new(HokuyoModel::urg_04lx_ug01(), scene, seed)),
-        DemoLrf::Utm30lx => Box::new(VirtualHokuyo::new(HokuyoModel::utm_30lx(), scene, seed)),
-    }
+    let model = match lrf {
+        DemoLrf::Lms200 => SensorModel::Sick(SickModel::lms200()),
+        DemoLrf::Lms200Far => SensorModel::Sick(SickModel::lms200_3016()),
+        DemoLrf::Lms291 => SensorModel::Sick(SickModel::lms291()),
+        DemoLrf::Lms200Noisy => SensorModel::Sick(noisy),
+        DemoLrf::Urg04lxUg01 => SensorModel::Hokuyo(HokuyoModel::urg_04lx_ug01()),
+        DemoLrf::Utm30lx => SensorModel::Hokuyo(HokuyoModel::utm_30lx()),
+    };
+    model.seeing(scene, seed, None)
 }

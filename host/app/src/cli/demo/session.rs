@@ -9,14 +9,15 @@ use crate::config::About;
 use crate::config::RunConfig;
 use crate::config::RunReport;
 use anyhow::{Result, anyhow};
-use lrfslam_core::scan::{Beam, RangeScan};
+use lrfslam_core::scan::RangeScan;
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_host::output::ResultFolder;
 use lrfslam_host::plural::count;
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::results::report::{Ending, LaserCounts, Source};
 use lrfslam_host::runs::map::MapRun;
-use lrfslam_host::scans::live::{Item, SourceReport};
+use lrfslam_host::scans::live::{Item, SourceReport, taken};
+use lrfslam_host::scans::log::LogScan;
 
 use super::robot::SimulatedRobot;
 
@@ -25,32 +26,12 @@ const SCANS_AT_START: usize = 10;
 /// From one line of progress to the next, on the drive's clock.
 const PROGRESS: Duration = Duration::from_millis(5000);
 
-/// A scan, kept.
-#[derive(Debug, Clone)]
-pub struct KeptScan {
-    stamp: Instant,
-    range_max_m: f32,
-    beams: Vec<Beam>,
-}
-
-impl KeptScan {
-    /// As the library takes it.
-    pub fn scan(&self) -> RangeScan<'_> {
-        self.stamped(self.stamp)
-    }
-
-    /// The same under another time.
-    pub fn stamped(&self, stamp: Instant) -> RangeScan<'_> {
-        RangeScan { stamp, range_max_m: self.range_max_m, beams: &self.beams }
-    }
-}
-
 /// All that came of a drive.
 pub struct DriveRecord {
     /// Scans of the level laser, as they were mapped.
-    pub level: Vec<KeptScan>,
+    pub level: Vec<LogScan>,
     /// Scans of the tilted laser.
-    pub tilted: Vec<KeptScan>,
+    pub tilted: Vec<LogScan>,
     /// The mapper's report.
     pub report: RunReport,
 }
@@ -61,8 +42,8 @@ pub struct DemoMapping<'a, 'm> {
     robot: &'a SimulatedRobot,
     config: RunConfig,
     map: MapRun<'m>,
-    level: Vec<KeptScan>,
-    tilted: Vec<KeptScan>,
+    level: Vec<LogScan>,
+    tilted: Vec<LogScan>,
     /// Where the building's frame is in the map's: the first scan is the map's origin.
     world_from_map: PoseF64,
     next_line: Instant,
@@ -89,7 +70,7 @@ impl<'a, 'm> DemoMapping<'a, 'm> {
     }
 
     fn take_scan(&mut self, scan: &RangeScan<'_>) {
-        let kept = KeptScan { stamp: scan.stamp, range_max_m: scan.range_max_m, beams: scan.beams.to_vec() };
+        let kept = taken(scan, (self.level.len() + self.tilted.len()) as u64 + 1);
         let end = scan.beams.iter().map(|beam| scan.stamp + beam.offset).max().unwrap_or(scan.stamp);
         if !self.robot.is_level(scan.stamp, end) {
             self.tilted.push(kept);

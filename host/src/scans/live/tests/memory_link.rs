@@ -4,7 +4,7 @@ use std::io::{self, ErrorKind};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
-use super::Link;
+use crate::scans::link::Link;
 
 /// The host's end.
 pub struct MemoryLink {

@@ -1,4 +1,4 @@
-//! Which laser could have taken a recording, and that laser to say it again.
+//! A simulated laser of either family: in a world, or saying again a recording that it could have taken.
 
 use lrfslam_core::scan::Beam;
 
@@ -6,23 +6,42 @@ use super::VirtualLrf;
 use super::hokuyo::{HokuyoModel, VirtualHokuyo};
 use super::recording::RecordedScan;
 use super::sick::{SickModel, VirtualSick};
+use crate::scene::Scene;
 
-/// A laser that could have taken a recording.
+/// What to simulate.
 #[derive(Debug, Clone)]
-pub enum RecordedLaser {
+pub enum SensorModel {
     /// LMS2xx.
     Sick(SickModel),
-    /// URG-04LX.
+    /// SCIP.
     Hokuyo(HokuyoModel),
 }
 
-impl RecordedLaser {
+impl SensorModel {
     /// The one that measures in all directions of `beams`, and in the fewest others; `None` if neither does.
     ///
     /// * `range_max_m` — the longest range that it tells
     pub fn of(beams: &[Beam], range_max_m: f32) -> Option<Self> {
         let model = SickModel::seeing(beams, range_max_m).map(Self::Sick);
         model.or_else(|| HokuyoModel::seeing(beams).map(Self::Hokuyo))
+    }
+
+    /// The laser in `scene`.
+    ///
+    /// * `baud` — the line's rate, bit/s, if it is not that of a sensor just switched on
+    pub fn seeing(self, scene: Box<dyn Scene>, seed: u64, baud: Option<u32>) -> Box<dyn VirtualLrf> {
+        match self {
+            Self::Sick(model) => {
+                let mut device = VirtualSick::new(model, scene, seed);
+                baud.into_iter().for_each(|baud| device.set_baud(baud));
+                Box::new(device)
+            }
+            Self::Hokuyo(model) => {
+                let mut device = VirtualHokuyo::new(model, scene, seed);
+                baud.into_iter().for_each(|baud| device.set_baud(baud));
+                Box::new(device)
+            }
+        }
     }
 
     /// The laser, to say `scans`.
@@ -47,9 +66,9 @@ mod tests {
     }
 
     fn name(beams: &[Beam]) -> Option<&'static str> {
-        RecordedLaser::of(beams, 8.0).map(|laser| match laser {
-            RecordedLaser::Sick(_) => "sick",
-            RecordedLaser::Hokuyo(_) => "hokuyo",
+        SensorModel::of(beams, 8.0).map(|laser| match laser {
+            SensorModel::Sick(_) => "sick",
+            SensorModel::Hokuyo(_) => "hokuyo",
         })
     }
 
