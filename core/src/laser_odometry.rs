@@ -191,6 +191,7 @@ impl<'m> LaserOdometry<'m> {
     /// # Errors
     /// [`NdtMemoryError`] if the directory or the pool is not of the right form.
     pub fn new(config: &LaserOdometryConfig, seed: u64, memory: OdometryMemory<'m>) -> Result<Self, NdtMemoryError> {
+        let kept = config.odometry.key_scans().min(memory.key_scans.len());
         Ok(Self {
             config: *config,
             rng: RandomStream::new(seed, 0, 0),
@@ -199,7 +200,7 @@ impl<'m> LaserOdometry<'m> {
             points: memory.points,
             hits: memory.hits,
             key_points: memory.key_points,
-            key_scans: memory.key_scans,
+            key_scans: memory.key_scans.get_mut(..kept).unwrap_or_default(),
             key_count: 0,
             turn: 0,
             map_from_robot: Pose2::IDENTITY,

@@ -96,6 +96,7 @@ impl SlamConfig {
         };
         config.recovery =
             RecoveryConfig { population: 100, generations: 30, search_points: 32, ..RecoveryConfig::default() };
+        config.odometry.witnesses = 0; // a microcontroller has no memory for earlier scans
         config.particle_map.print_step = 5;
         config.rays.range_max_m = 8.0;
         config.perception.beam_step = 6;

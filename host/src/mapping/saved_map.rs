@@ -240,12 +240,14 @@ mod tests {
             bytes[index] ^= 4;
             bytes
         };
-        let newer = error(&flipped(8));
-        let told = "saved map of version 7, expected version 3: made by a newer lrfslam than this; map the log again";
+        let mut newer = bytes.clone();
+        newer[8] = 7;
+        let newer = error(&newer);
+        let told = "saved map of version 7, expected version 4: made by a newer lrfslam than this; map the log again";
         assert!(newer.ends_with(told), "{newer}");
         let mut older = bytes.clone();
         older[8] = 1;
-        let told = "saved map of version 1, expected version 3: made by an older lrfslam than this; map the log again";
+        let told = "saved map of version 1, expected version 4: made by an older lrfslam than this; map the log again";
         assert!(error(&older).ends_with(told), "{}", error(&older));
         assert!(error(&flipped(bytes.len() / 2)).contains("the checksum is"));
         std::fs::remove_file(&file).unwrap();
@@ -261,7 +263,7 @@ mod tests {
             let scan = RangeScan { stamp: Instant::from_micros(micros), range_max_m: 8.0, beams: &beams };
             scans.add(&Sweep::at_rest(scan, Pose2::new(0.1, -0.2, 0.5)));
         }
-        let config = include_str!("../../tests/golden/map-3/config.toml").to_owned();
+        let config = include_str!("../../tests/golden/map-4/config.toml").to_owned();
         SavedMap { program: "golden".to_owned(), config, path: SavedPath::example(), scans }
     }
 

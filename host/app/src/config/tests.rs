@@ -89,7 +89,7 @@ fn keys_and_sections_of_older_files_are_said_to_be_gone() {
 /// The key that made older maps unreadable once, and a value that was right once.
 #[test]
 fn a_map_made_with_a_configuration_of_another_program_is_called_so_and_not_damaged() {
-    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/map-3");
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/map-4");
     let saved = SavedMap::read(&golden).unwrap();
     assert_eq!(RunConfig::of_saved(&saved, &golden).unwrap().ndt, RunConfig::default().ndt);
     for (config, what) in [
@@ -116,7 +116,7 @@ fn keys(config: &str) -> Vec<String> {
 /// A key that goes or is called otherwise makes maps unreadable that were saved before: that asks for a new version of `map.lrfslam`.
 #[test]
 fn maps_hold_the_keys_of_today() {
-    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/map-3");
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/map-4");
     let saved = SavedMap::read(&golden).unwrap();
     let config = toml::to_string(&RunConfig::default()).unwrap();
     let today = keys(&config);
