@@ -15,4 +15,5 @@ mod map_server;
 mod prove;
 mod real_logs;
 mod results;
+mod spinning;
 mod vocabulary;
