@@ -4,6 +4,7 @@ mod accuracy;
 mod bad_input;
 mod cloud;
 mod common;
+mod doctor;
 mod drawn_maps;
 #[cfg(feature = "experiments")]
 mod experiment;

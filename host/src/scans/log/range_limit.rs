@@ -19,13 +19,14 @@ pub(super) const TOLERANCE_M: f32 = 0.000_5;
 /// What devices say for "nothing seen", from–to in m; the limit is the lower end.
 ///
 /// SICK LMS2xx codes (the last nine values of the 13, 14 and 15 bit ranges, in mm or cm: telegram manual, measured
-/// value overflow and errors); 30, 50, 80 m as capped by recorders; Hokuyo UTM-30LX 65.533 m.
-const BANDS: [Band; 8] = [
+/// value overflow and errors); 30, 50, 51.15 (51.14 to 51.25), 80 m as capped by recorders; Hokuyo UTM-30LX 65.533 m.
+const BANDS: [Band; 9] = [
     (8.183, 8.192),
     (16.375, 16.384),
     (30.0, 30.0),
     (32.759, 32.768),
     (50.0, 50.0),
+    (51.14, 51.25),
     (65.533, 65.535),
     (80.0, 80.0),
     (81.83, 81.92),
