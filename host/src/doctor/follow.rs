@@ -56,7 +56,7 @@ pub(super) struct Step {
     pub is_mirrored: bool,
 }
 
-/// Memory that a [`Follower`] works in.
+/// Memory that a [`Doctor`](super::Doctor) follows the robot with.
 #[derive(Debug)]
 pub struct FollowerMemory {
     odometry: MapperMemory,
