@@ -5,6 +5,7 @@
 //! [`output`] (folders of results), put together by [`runs`]. [`robot`] takes the place of mapping where a robot does it itself.
 #![forbid(unsafe_code)]
 
+pub mod doctor;
 pub mod input;
 pub mod localize;
 pub mod mapping;

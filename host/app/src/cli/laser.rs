@@ -77,6 +77,11 @@ pub(super) struct EndArgs {
 }
 
 impl EndArgs {
+    /// The same, with an end after `seconds` if there is none.
+    pub(super) fn or_seconds(self, seconds: f64) -> Self {
+        if self.has_end() { self } else { Self { seconds: Some(seconds), ..self } }
+    }
+
     /// It ends by itself.
     pub(super) fn has_end(self) -> bool {
         self.scans.is_some() || self.seconds.is_some()

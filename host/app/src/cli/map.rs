@@ -13,7 +13,7 @@ use lrfslam_host::runs::scans::{Scans, is_stdin};
 
 /// Map a recorded laser log.
 ///
-/// LOG is a CARMEN log (FLASER, ROBOTLASER1), a DP-SLAM log or tinySLAM's URG-04LX sample, plain or gzip, or a laser.rec that
+/// LOG is a CARMEN log (FLASER, ROBOTLASER1), a DP-SLAM log, tinySLAM's URG-04LX sample or one of a YDLIDAR X4, plain or gzip, or a laser.rec that
 /// `lrfslam run` has written. Written are trajectory.tum (the robot's pose for every scan, by time), map.pgm and map.yaml (for
 /// ROS), map.png (for people), steps.csv (what the particle filter did), run.json and map.lrfslam (for `lrfslam localize`).
 /// Ctrl-C ends the run early; what was mapped until then is written.

@@ -10,12 +10,15 @@ mod completions;
 mod config;
 mod continuing;
 pub mod demo;
+mod doctor;
 mod eval;
 #[cfg(feature = "experiments")]
 mod experiment;
 #[cfg(not(feature = "experiments"))]
 #[path = "no_experiment.rs"]
 mod experiment;
+#[cfg(feature = "experiments")]
+mod experiment_envelope;
 #[cfg(feature = "experiments")]
 mod experiment_starts;
 #[cfg(feature = "experiments")]
@@ -70,6 +73,7 @@ enum Command {
     Replay(replay::ReplayArgs),
     Attach(Box<attach::AttachArgs>),
     Lrf(lrf::LrfArgs),
+    Doctor(Box<doctor::DoctorArgs>),
     Calibrate(calibrate::CalibrateArgs),
     Config(config::PrintArgs),
     #[cfg_attr(
@@ -88,7 +92,7 @@ Exit codes:
   0    done
   1    a fault on the way, or nothing at a port: what was earned until then is written, and said to be partial
   2    wrong usage, or input that is wrong from the start: nothing was done
-  3    done, but the robot was not found in the map (localize, map --continue)
+  3    done, but the robot was not found in the map (localize, map --continue), or something is wrong (doctor)
   130  ended early by ctrl-C: what was earned until then is written, and said to be partial
 Ctrl-C is how run, attach, demo and a live localize end: with 0. Pressed twice, it ends every command at once.";
 
@@ -101,6 +105,8 @@ pub enum Failure {
     Work(anyhow::Error),
     /// The robot was not found in the map.
     NotFound(anyhow::Error),
+    /// Something is wrong with the input that was to be judged.
+    Unwell(anyhow::Error),
     /// The user did not wait for the end.
     Interrupted(anyhow::Error),
 }
@@ -148,6 +154,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Replay(args) => replay::run(args),
         Command::Attach(args) => attach::run(args),
         Command::Lrf(args) => lrf::run(args),
+        Command::Doctor(args) => doctor::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Config(args) => config::run(args),
         Command::Demo(args) => demo::run(args).and_then(|text| print(&text)),
@@ -160,7 +167,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok(()) => return ExitCode::SUCCESS,
         Err(Failure::Start(error)) => (error, 2),
         Err(Failure::Work(error)) => (error, 1),
-        Err(Failure::NotFound(error)) => (error, 3),
+        Err(Failure::NotFound(error) | Failure::Unwell(error)) => (error, 3),
         Err(Failure::Interrupted(error)) => (error, 130),
     };
     // With stderr closed too there is nobody left to tell.

@@ -1,7 +1,11 @@
 //! `lrfslam experiment`: the sweeps of chapter 5 on the example log, and wrong input.
 
+use std::f64::consts::PI;
 use std::fs;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
+
+use flate2::read::GzDecoder;
 
 use crate::common::run;
 
@@ -100,4 +104,54 @@ fn the_loop_of_the_example_floor_closes_with_each_number_of_levels() {
     assert_eq!(csv.lines().count(), 3);
     let strict = [&arguments[..7], &["--levels", "0", "--closed", "0.0001"]].concat();
     assert!(run(folder.path(), &strict).1.contains("| 0 | 0 of 1 |"));
+}
+
+/// The first `scans` of the example as a log, and the displacements of its true path over 20 scans as relations.
+fn short_log_with_relations(folder: &Path, scans: usize) {
+    let unpacked = |name: &str| {
+        let mut text = String::new();
+        GzDecoder::new(fs::File::open(example(name)).unwrap()).read_to_string(&mut text).unwrap();
+        text
+    };
+    let log: Vec<String> =
+        unpacked("floor.log.gz").lines().take(scans + 1).map(|line| line.to_owned() + "\n").collect();
+    fs::write(folder.join("short.log"), log.concat()).unwrap();
+    let numbers = |line: &str| line.split(' ').map(|word| word.parse().unwrap()).collect::<Vec<f64>>();
+    let truth: Vec<Vec<f64>> = unpacked("floor.tum.gz").lines().map(numbers).collect();
+    let pose = |line: &[f64]| (line[1], line[2], 2.0 * line[6].atan2(line[7]));
+    let relation = |(from, to): (&Vec<f64>, &Vec<f64>)| {
+        let ((x, y, heading), (to_x, to_y, to_heading)) = (pose(from), pose(to));
+        let ((sin, cos), dx, dy) = (heading.sin_cos(), to_x - x, to_y - y);
+        let turn = (to_heading - heading + PI).rem_euclid(2.0 * PI) - PI;
+        format!("{:.6} {:.6} {} {} 0 0 0 {turn}\n", from[0], to[0], cos * dx + sin * dy, cos * dy - sin * dx)
+    };
+    let relations: String = truth.iter().zip(&truth[20..]).take(scans - 20).map(relation).collect();
+    fs::write(folder.join("relations"), relations).unwrap();
+}
+
+#[test]
+fn a_log_made_harder_is_mapped_worse_or_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    short_log_with_relations(folder, 160);
+    let arguments = ["experiment", "envelope", "short.log", "--relations", "relations", "--set", "hierarchy.levels=0"];
+    let some = ["--only", "as-is,scans-2", "--only", "noise-5cm", "--seeds", "2", "--out", "envelope"];
+    let (code, stdout, stderr) = run(folder, &[&arguments[..], &some].concat());
+    assert_eq!(code, 0, "{stderr}");
+    assert!(
+        stderr.starts_with("as-is, seed 1: 0.0") && stdout.ends_with("\nresults in envelope\n"),
+        "{stderr}{stdout}"
+    );
+    let csv = fs::read_to_string(folder.join("envelope/envelope.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = csv.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    let column = |index: usize| rows.iter().map(|row| row[index]).collect::<Vec<_>>();
+    assert_eq!(column(0), ["as-is", "as-is", "scans-2", "scans-2", "noise-5cm", "noise-5cm"]);
+    assert_eq!(column(2), ["160", "160", "80", "80", "160", "160"]);
+    assert_eq!(column(3), ["140", "140", "70", "70", "140", "140"], "both times of a relation are kept");
+    let error = |row: usize| rows[row][4].parse::<f64>().unwrap();
+    assert!(error(0) < 0.05 && error(2) < 0.3 && error(4) > error(0), "{csv}");
+    assert!(fs::read_to_string(folder.join("envelope/envelope.svg")).unwrap().starts_with("<svg"));
+    assert!(stdout.contains(&fs::read_to_string(folder.join("envelope/envelope.md")).unwrap()));
+    let (code, _, stderr) = run(folder, &[&arguments[..], &["--only", "nothing"]].concat());
+    assert!(code == 2 && stderr.contains("people-30"), "{stderr}");
 }

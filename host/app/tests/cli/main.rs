@@ -4,6 +4,7 @@ mod accuracy;
 mod bad_input;
 mod cloud;
 mod common;
+mod doctor;
 mod drawn_maps;
 #[cfg(feature = "experiments")]
 mod experiment;
@@ -15,4 +16,5 @@ mod map_server;
 mod prove;
 mod real_logs;
 mod results;
+mod spinning;
 mod vocabulary;

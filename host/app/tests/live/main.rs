@@ -5,6 +5,7 @@ mod attach;
 mod common;
 #[cfg(feature = "demo")]
 mod demo;
+mod doctor;
 #[cfg(feature = "demo")]
 mod keeps;
 mod laser;

@@ -3,6 +3,7 @@
 //! All take a log and the true path of its scans; where that comes from (a simulator, or a path made with the whole log) is the
 //! caller's business.
 
+mod envelope;
 mod findings;
 mod growth;
 mod loops;
@@ -15,6 +16,10 @@ mod plots;
 mod starts;
 mod sweep;
 
+pub use envelope::{
+    Degradation, ENVELOPE_ROWS, EnvelopeRow, EnvelopeRun, degrade, envelope_csv, envelope_markdown, plot_envelope,
+    run_envelope,
+};
 pub use findings::{Experiment, markdown};
 pub use growth::{Growth, GrowthError, plot_growth, read_growth};
 pub use loops::{LoopRun, loop_csv, loop_markdown, run_loop};

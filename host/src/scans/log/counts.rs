@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
+use super::range_limit::RangeNotes;
 use crate::input::text::FieldFault;
 use crate::plural::count;
 
@@ -25,7 +26,7 @@ pub struct DamagedLine {
 }
 
 /// What was met on the way.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct LogCounts {
     /// Scans handed out.
     pub scans: u64,
@@ -45,6 +46,12 @@ pub struct LogCounts {
     pub cut_last_line: bool,
     /// The log has no times: stamps are made up at a fixed rate.
     pub synthetic_times: bool,
+    /// Scans whose beams' directions are guessed: neither the line nor a known device's number of beams tells them.
+    #[serde(skip)]
+    pub guessed_angles: u64,
+    /// What ranges are like, and what "nothing seen" is known from.
+    #[serde(skip)]
+    pub ranges: RangeNotes,
 }
 
 impl LogCounts {

@@ -29,7 +29,7 @@ pub enum LogError {
     },
     /// No line of it is of a format known here.
     #[error(
-        "{file}: not a log: no line of CARMEN (FLASER, ROBOTLASER1), DP-SLAM (Laser) or tinySLAM among its first {lines}"
+        "{file}: not a log: no line of CARMEN (FLASER, ROBOTLASER1), DP-SLAM (Laser), tinySLAM or YDLIDAR X4 among its first {lines}"
     )]
     NotALog {
         /// Name of the file, as given.

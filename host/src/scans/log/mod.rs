@@ -1,4 +1,4 @@
-//! Recorded laser logs: CARMEN, DP-SLAM and tinySLAM, plain or gzip, scan by scan: only their times are kept.
+//! Recorded laser logs: CARMEN, DP-SLAM, tinySLAM and YDLIDAR X4, plain or gzip, scan by scan: only their times are kept.
 //!
 //! Data flow: file → lines → the format's reader → raw scan → [`LogScan`]: beams that hit, missed or are invalid, the
 //! robot's odometry and the laser's mounting. The format is known from the content, never from the name. The first
@@ -15,10 +15,12 @@ mod carmen;
 mod counts;
 mod dpslam;
 mod error;
+mod format;
 mod mounting;
 mod range_limit;
 mod raw;
 mod tinyslam;
+mod ydlidar;
 
 use std::collections::{HashSet, VecDeque};
 use std::io::Read;
@@ -27,15 +29,16 @@ use std::path::Path;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::time::{Duration, Instant};
-use serde::Serialize;
 
 pub use counts::{DamagedLine, LogCounts};
 pub use error::LogError;
+pub use format::LogFormat;
+pub use range_limit::{LimitOrigin, RangeNotes};
 
 use self::mounting::Mounting;
 use self::range_limit::{RangeLimit, TOLERANCE_M};
 use self::raw::{Bearings, Content, LineReader, RawScan};
-use crate::input::text::{ByteCount, FieldFault, LINE_BYTES_MAX, Line, LineFault, Lines, Words, fault};
+use crate::input::text::{ByteCount, FieldFault, LINE_BYTES_MAX, Line, LineFault, Lines, fault};
 
 /// Scans read before the first is handed out.
 pub const LOOK_AHEAD: usize = 32;
@@ -84,39 +87,6 @@ impl LogScan {
     /// The scan as the core takes it.
     pub fn scan(&self) -> RangeScan<'_> {
         RangeScan { stamp: self.stamp, range_max_m: self.range_max_m, beams: &self.beams }
-    }
-}
-
-/// The formats told apart.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub enum LogFormat {
-    /// CARMEN: `FLASER`, `ROBOTLASER1`.
-    Carmen,
-    /// DP-SLAM: `Odometry`, `Laser`.
-    DpSlam,
-    /// tinySLAM's URG-04LX sample.
-    TinySlam,
-}
-
-impl LogFormat {
-    /// What a line that is neither blank nor a comment belongs to.
-    fn of_line(text: &str) -> Option<Self> {
-        let first_word = Words::new(text).word()?;
-        if carmen::is_carmen(first_word) {
-            Some(Self::Carmen)
-        } else if dpslam::is_dpslam(first_word) {
-            Some(Self::DpSlam)
-        } else {
-            tinyslam::is_tinyslam(text).then_some(Self::TinySlam)
-        }
-    }
-
-    fn reader(self) -> Box<dyn LineReader> {
-        match self {
-            Self::Carmen => Box::<carmen::CarmenReader>::default(),
-            Self::DpSlam => Box::<dpslam::DpSlamReader>::default(),
-            Self::TinySlam => Box::<tinyslam::TinySlamReader>::default(),
-        }
     }
 }
 
@@ -197,7 +167,7 @@ impl LogReader {
 
     /// What was met so far.
     pub fn counts(&self) -> LogCounts {
-        self.counts.clone()
+        LogCounts { ranges: self.range_limit.notes(), ..self.counts.clone() }
     }
 
     /// Size of the file, bytes; 0 if it is not a file.
@@ -301,6 +271,8 @@ impl LogReader {
         self.scans_read += 1;
         self.range_limit.observe(&scan.ranges_m, self.bearings(scan).step_rad, scan.range_max_m);
         self.mounting.observe(scan);
+        let is_told = self.options.field_of_view_rad.is_some() || scan.bearings.is_some();
+        self.counts.guessed_angles += u64::from(!is_told && !Bearings::is_usual(scan.ranges_m.len()));
     }
 
     fn bearings(&self, scan: &RawScan) -> Bearings {

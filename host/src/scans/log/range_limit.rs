@@ -19,13 +19,14 @@ pub(super) const TOLERANCE_M: f32 = 0.000_5;
 /// What devices say for "nothing seen", from–to in m; the limit is the lower end.
 ///
 /// SICK LMS2xx codes (the last nine values of the 13, 14 and 15 bit ranges, in mm or cm: telegram manual, measured
-/// value overflow and errors); 30, 50, 80 m as capped by recorders; Hokuyo UTM-30LX 65.533 m.
-const BANDS: [Band; 8] = [
+/// value overflow and errors); 30, 50, 51.15 (51.14 to 51.25), 80 m as capped by recorders; Hokuyo UTM-30LX 65.533 m.
+const BANDS: [Band; 9] = [
     (8.183, 8.192),
     (16.375, 16.384),
     (30.0, 30.0),
     (32.759, 32.768),
     (50.0, 50.0),
+    (51.14, 51.25),
     (65.533, 65.535),
     (80.0, 80.0),
     (81.83, 81.92),
@@ -49,6 +50,33 @@ const BELIEVED_M: f32 = 200.0;
 /// From–to, m: these values mean "nothing seen".
 type Band = (f32, f32);
 
+/// What the range from which on nothing was seen is known from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum LimitOrigin {
+    /// The caller says it.
+    Told,
+    /// The log declares it.
+    Declared,
+    /// The ranges show it.
+    Shown,
+    /// Nothing tells it: the farthest that any laser here can say.
+    #[default]
+    Guessed,
+}
+
+/// What a log's ranges are like, as they stand there.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct RangeNotes {
+    /// Where the limit comes from.
+    pub limit: LimitOrigin,
+    /// Median of the positive ranges of the first scan that has any, m if the log has metres; 0 if none has.
+    pub typical: f32,
+    /// Ranges that are finite.
+    pub finite: u64,
+    /// Of these, those farther than any laser sees.
+    pub beyond: u64,
+}
+
 /// The limit, as far as it is known.
 #[derive(Debug, Clone, Default)]
 pub(super) struct RangeLimit {
@@ -59,6 +87,7 @@ pub(super) struct RangeLimit {
     largest_m: f32,
     /// The band in which the largest range lies, and how many ranges did so far.
     counted: Option<(Band, usize)>,
+    notes: RangeNotes,
 }
 
 impl RangeLimit {
@@ -70,6 +99,7 @@ impl RangeLimit {
     /// Takes a scan into account: its ranges (m), angle between beams and what the log declares.
     pub fn observe(&mut self, ranges_m: &[f32], step_rad: f32, declared_m: Option<f32>) {
         self.declared_m = declared_m.or(self.declared_m);
+        self.note(ranges_m);
         let largest_m = ranges_m.iter().copied().filter(|&range| range <= BELIEVED_M).fold(0.0, f32::max);
         self.largest_m = self.largest_m.max(largest_m);
         if self.found.is_some_and(|(_, to)| largest_m > to + TOLERANCE_M) {
@@ -85,6 +115,30 @@ impl RangeLimit {
         let found_m = self.found.map(|(from, _)| from);
         let read = [self.declared_m, found_m].into_iter().flatten().reduce(f32::min);
         self.given_m.or(read).unwrap_or(FALLBACK_M)
+    }
+
+    /// What the ranges are like, so far.
+    pub fn notes(&self) -> RangeNotes {
+        let found_m = self.found.map(|(from, _)| from);
+        let limit = match (self.given_m, self.declared_m, found_m) {
+            (Some(_), ..) => LimitOrigin::Told,
+            (None, Some(declared_m), Some(found_m)) if declared_m <= found_m => LimitOrigin::Declared,
+            (None, Some(_), None) => LimitOrigin::Declared,
+            (None, _, Some(_)) => LimitOrigin::Shown,
+            (None, None, None) => LimitOrigin::Guessed,
+        };
+        RangeNotes { limit, ..self.notes }
+    }
+
+    fn note(&mut self, ranges_m: &[f32]) {
+        let finite = ranges_m.iter().filter(|range| range.is_finite());
+        self.notes.finite += finite.clone().count() as u64;
+        self.notes.beyond += finite.clone().filter(|&&range| range > BELIEVED_M).count() as u64;
+        if self.notes.typical == 0.0 {
+            let mut positive: Vec<f32> = finite.copied().filter(|&range| range > 0.0).collect();
+            positive.sort_by(f32::total_cmp);
+            self.notes.typical = positive.get(positive.len() / 2).copied().unwrap_or(0.0);
+        }
     }
 
     /// Rule 2.

@@ -7,7 +7,7 @@ use crate::input::text::{FieldFault, Line, Words, fault};
 use crate::pose_f64::PoseF64;
 
 /// More beams than any planar laser range finder has.
-const BEAMS_MAX: usize = 20_000;
+pub(super) const BEAMS_MAX: usize = 20_000;
 
 /// Directions of a scan's beams: beam i points at `first_rad + i · step_rad`, counter-clockwise from forward.
 #[derive(Debug, Clone, Copy, PartialEq)]

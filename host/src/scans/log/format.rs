@@ -1,0 +1,48 @@
+//! The formats, told apart by a line of theirs.
+
+use serde::Serialize;
+
+use super::carmen::{CarmenReader, is_carmen};
+use super::dpslam::{DpSlamReader, is_dpslam};
+use super::raw::LineReader;
+use super::tinyslam::{TinySlamReader, is_tinyslam};
+use super::ydlidar::{YdlidarReader, is_ydlidar};
+use crate::input::text::Words;
+
+/// The formats told apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum LogFormat {
+    /// CARMEN: `FLASER`, `ROBOTLASER1`.
+    Carmen,
+    /// DP-SLAM: `Odometry`, `Laser`.
+    DpSlam,
+    /// tinySLAM's URG-04LX sample.
+    TinySlam,
+    /// Lines of a YDLIDAR X4 on a car.
+    Ydlidar,
+}
+
+impl LogFormat {
+    /// What a line that is neither blank nor a comment belongs to.
+    pub(super) fn of_line(text: &str) -> Option<Self> {
+        let first_word = Words::new(text).word()?;
+        if is_carmen(first_word) {
+            Some(Self::Carmen)
+        } else if is_dpslam(first_word) {
+            Some(Self::DpSlam)
+        } else if is_ydlidar(text) {
+            Some(Self::Ydlidar)
+        } else {
+            is_tinyslam(text).then_some(Self::TinySlam)
+        }
+    }
+
+    pub(super) fn reader(self) -> Box<dyn LineReader> {
+        match self {
+            Self::Carmen => Box::<CarmenReader>::default(),
+            Self::DpSlam => Box::<DpSlamReader>::default(),
+            Self::TinySlam => Box::<TinySlamReader>::default(),
+            Self::Ydlidar => Box::<YdlidarReader>::default(),
+        }
+    }
+}
