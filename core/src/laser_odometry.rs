@@ -13,10 +13,13 @@ use crate::scan::RangeScan;
 use crate::sweep::{Sweep, SweepMotion};
 use crate::time::{Duration, Instant};
 
+mod expectation;
+mod reference;
 mod sight;
 mod walls;
 mod witnesses;
 
+pub use self::reference::KeyScan;
 use self::sight::Sight;
 
 crate::config_choice! {
@@ -63,20 +66,8 @@ const PATIENCE_SCANS: u16 = 10;
 const SCORE_FIRST: f32 = 0.5;
 /// Share of a scan's score per point in the usual one: it follows over about ten scans.
 const SCORE_SHARE: f32 = 0.1;
-/// The search box and the prior are those of scans so far apart, s; with the time between scans they grow as a random walk does.
-const INTERVAL_S: f32 = 0.25;
-/// Longer gaps count as this long, s.
-const INTERVAL_MAX_S: f32 = 4.0;
-/// Share of an interval in the mean of the last ones.
-const INTERVAL_SHARE: f32 = 0.05;
 /// A step that turns more than this, rad, is not expected again.
 const STEADY_RAD: f32 = 0.5;
-/// A step is stretched by the time that has passed, from so many …
-const STRETCH_MIN: f32 = 0.2;
-/// … to so many times.
-const STRETCH_MAX: f32 = 4.0;
-/// Score per point by which a stretched step must agree better than the last one again.
-const STRETCH_BETTER: f32 = 0.1;
 
 impl OdometryConfig {
     /// Scans that are kept, to be removed again or as witnesses, for which there must be memory.
@@ -125,15 +116,6 @@ pub struct OdometryMemory<'m> {
     pub key_points: &'m mut [Point2],
     /// One for each of these scans.
     pub key_scans: &'m mut [KeyScan],
-}
-
-/// A scan that is kept: it will be removed from the reference again, or is a witness.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct KeyScan {
-    map_from_robot: Pose2,
-    /// Where the laser was, robot frame.
-    eye: Point2,
-    count: usize,
 }
 
 /// What one step did.
@@ -233,35 +215,6 @@ impl<'m> LaserOdometry<'m> {
         &self.ndt
     }
 
-    /// Puts the robot at `map_from_robot` and forgets the reference; to be followed by [`refer_to`](Self::refer_to). What is known of
-    /// its motion stays.
-    ///
-    /// For a high level that has corrected the map.
-    pub fn restart_at(&mut self, map_from_robot: Pose2) {
-        self.ndt.clear();
-        (self.key_count, self.turn) = (0, 0);
-        self.key_scans.fill(KeyScan::default());
-        self.map_from_robot = map_from_robot;
-        self.map_from_key = map_from_robot;
-    }
-
-    /// Extends the reference by a scan that was taken at `map_from_scan`; returns how many points found no room.
-    ///
-    /// # Errors
-    /// [`PointCapacityError`] if the scan has more points than the memory lent; nothing has changed then.
-    pub fn refer_to(&mut self, sweep: &Sweep<'_>, map_from_scan: Pose2) -> Result<u32, PointCapacityError> {
-        let hits = filter::hits(sweep, self.hits)?;
-        let points = filter::thin(&self.config.filter, hits, self.points)?.len();
-        let hits = hits.len();
-        let hits = self.keep_standing(map_from_scan, hits);
-        Ok(self.extend_map(map_from_scan, sweep.robot_from_lrf.position(), (points, hits)).dropped)
-    }
-
-    /// Cells of the reference that count now stay as they are; see [`NdtGrid::freeze`]. For a robot in a map that shall not change.
-    pub fn freeze_reference(&mut self) {
-        self.ndt.freeze();
-    }
-
     /// Matches the next scan.
     ///
     /// * `robot_from_lrf` — where the laser sits on the robot
@@ -340,56 +293,6 @@ impl<'m> LaserOdometry<'m> {
         }
     }
 
-    /// The last step again, unless the scan agrees clearly better with a step in proportion to the time that has passed.
-    ///
-    /// Scans come at a steady rate while their stamps may be wrong (logs written in bursts), or scans are missing and the stamps
-    /// are right. Only the scene can tell.
-    fn expected_step(&self, scan: &RangeScan<'_>, count: usize) -> Pose2 {
-        let points = self.points.get(..count).unwrap_or_default();
-        let elapsed = self.last_stamp.map_or(0.0, |last| scan.stamp.since(last).as_secs_f32());
-        let usual = self.last_interval.as_secs_f32();
-        if elapsed <= 0.0 || usual <= 0.0 {
-            return self.velocity;
-        }
-        let factor = (elapsed / usual).clamp(STRETCH_MIN, STRETCH_MAX);
-        let Pose2 { x, y, heading } = self.velocity;
-        let in_proportion = Pose2::new(factor * x, factor * y, factor * heading);
-        let score = |step| self.ndt.search_score(points, self.map_from_robot * step, 0.0);
-        if score(in_proportion) > score(self.velocity) + STRETCH_BETTER * count as f32 {
-            in_proportion
-        } else {
-            self.velocity
-        }
-    }
-
-    /// How much farther than usual the robot may be from where it is expected at `stamp`: the slower the scans, the farther. Stamps may
-    /// come in bursts, so their mean distance counts as well.
-    fn spread(&mut self, stamp: Instant) -> f32 {
-        let Some(last) = self.last_stamp else { return 1.0 };
-        let interval_s = stamp.since(last).as_secs_f32().clamp(0.0, INTERVAL_MAX_S);
-        let share = INTERVAL_SHARE.max(1.0 / self.scans.max(1) as f32);
-        self.usual_interval_s += share * (interval_s - self.usual_interval_s);
-        libm::sqrtf((interval_s.max(self.usual_interval_s) / INTERVAL_S).max(1.0))
-    }
-
-    /// How the robot is expected to move while `scan` is taken: at the speed of the last step.
-    ///
-    /// Stamps may jitter, but a step cannot have taken less time than a sweep.
-    fn motion_during(&self, scan: &RangeScan<'_>, displacement: Option<Pose2>) -> SweepMotion {
-        let Some(last) = self.last_stamp.filter(|_| self.config.odometry.deskew) else {
-            return SweepMotion::default();
-        };
-        let sweep = match (scan.beams.first(), scan.beams.last()) {
-            (Some(first), Some(last)) => last.offset.micros.abs_diff(first.offset.micros) as i64,
-            _ => 0,
-        };
-        let (displacement, taken) = match displacement {
-            Some(displacement) => (displacement, scan.stamp.since(last)),
-            None => (self.velocity, self.last_interval),
-        };
-        SweepMotion { displacement, duration: taken.max(Duration::from_micros(sweep)) }
-    }
-
     /// Matches the current points, with a wider search if the robot is not where it was expected.
     fn find(&mut self, count: usize, prediction: &Prediction) -> Match {
         let points = self.points.get(..count).unwrap_or_default();
@@ -402,73 +305,10 @@ impl<'m> LaserOdometry<'m> {
         if is_found && wide.score > FOUND_BETTER * matched.score { wide } else { matched }
     }
 
-    /// Brings the hits that stand still to the front of all, and returns how many these are.
-    fn keep_standing(&mut self, map_from_robot: Pose2, hits: usize) -> usize {
-        if self.config.odometry.reference != Reference::WholeMap {
-            return hits;
-        }
-        let hits = self.hits.get_mut(..hits).unwrap_or_default();
-        witnesses::keep_standing(hits, map_from_robot, self.key_scans, self.key_points)
-    }
-
     fn is_key(&self, map_from_robot: Pose2) -> bool {
         let step = self.map_from_key.between(map_from_robot);
         step.position().norm() >= KEY_DISTANCE_M || step.heading.abs() >= KEY_ROTATION_DEG.to_radians()
     }
-
-    /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.
-    fn extend(&mut self, map_from_robot: Pose2, eye: Point2, (points, hits): (usize, usize)) -> InsertReport {
-        self.map_from_key = map_from_robot;
-        if self.config.odometry.reference == Reference::WholeMap {
-            return self.extend_map(map_from_robot, eye, (points, hits));
-        }
-        let hits = self.hits.get(..hits).unwrap_or_default();
-        let Self { ndt, key_points, key_scans, .. } = self;
-        if let Some((key, memory)) = next_slot(key_scans, key_points, &mut self.key_count) {
-            ndt.remove(memory.get(..key.count).unwrap_or_default(), key.map_from_robot);
-            key.keep(memory, hits, map_from_robot, eye);
-        }
-        ndt.insert(hits, map_from_robot)
-    }
-
-    /// The same for the whole map: what moves is not map.
-    fn extend_map(&mut self, map_from_robot: Pose2, eye: Point2, (points, hits): (usize, usize)) -> InsertReport {
-        let points = self.points.get(..points).unwrap_or_default();
-        let hits = self.hits.get(..hits).unwrap_or_default();
-        let Self { ndt, key_points, key_scans, .. } = self;
-        ndt.look_through(hits, eye, map_from_robot, self.turn);
-        self.turn = self.turn.wrapping_add(1);
-        let newest = self.key_count.checked_sub(1).and_then(|index| key_scans.get(index % key_scans.len().max(1)));
-        let is_due = newest.is_none_or(|newest| witnesses::is_due(newest.map_from_robot.between(map_from_robot)));
-        if is_due && let Some((witness, memory)) = next_slot(key_scans, key_points, &mut self.key_count) {
-            witness.keep(memory, points, map_from_robot, eye);
-        }
-        let inserted = ndt.insert(hits, map_from_robot);
-        walls::between(hits, |wall| {
-            ndt.insert(wall, map_from_robot);
-        });
-        inserted
-    }
-}
-
-impl KeyScan {
-    /// Becomes the scan with these `points`, as far as there is `memory` for them.
-    fn keep(&mut self, memory: &mut [Point2], points: &[Point2], map_from_robot: Pose2, eye: Point2) {
-        *self = Self { map_from_robot, eye, count: points.len().min(memory.len()) };
-        memory.iter_mut().zip(points).for_each(|(to, from)| *to = *from);
-    }
-}
-
-/// The place of the oldest scan that is kept, with the memory for its points; `None` if none is kept.
-fn next_slot<'s>(
-    scans: &'s mut [KeyScan],
-    points: &'s mut [Point2],
-    count: &mut usize,
-) -> Option<(&'s mut KeyScan, &'s mut [Point2])> {
-    let room = points.len().checked_div(scans.len())?;
-    let slot = *count % scans.len();
-    *count += 1;
-    Some((scans.get_mut(slot)?, points.chunks_mut(room.max(1)).nth(slot)?))
 }
 
 #[cfg(test)]

@@ -89,7 +89,7 @@ fn sweeps_smeared(steps: &[Step], smear: SmearLimits, findings: &mut Vec<Finding
         let limits =
             SpeedLimits::new(Duration::from_micros((step.sweep_s * 1e6) as i64), smear.error_m, smear.error_rad);
         let seconds = Duration::from_micros((step.seconds.max(step.sweep_s) * 1e6) as i64);
-        step.sweep_s > 0.0 && moved(step).is_some_and(|moved| limits.exceeded_by(moved, seconds).is_some())
+        step.sweep_s > 0.0 && moved(step).is_some_and(|moved| limits.are_exceeded_by(moved, seconds))
     };
     let smeared: Vec<&Step> = steps.iter().filter(is_smeared).collect();
     let share = smeared.len() as f64 / steps.len().max(1) as f64;

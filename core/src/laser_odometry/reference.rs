@@ -1,0 +1,120 @@
+//! What scans are matched against: how it grows, what stays out of it, and how it begins anew.
+
+use super::{LaserOdometry, Reference, walls, witnesses};
+use crate::filter::{self, PointCapacityError};
+use crate::geometry::{Point2, Pose2};
+use crate::ndt::InsertReport;
+use crate::sweep::Sweep;
+
+/// A scan that is kept: it will be removed from the reference again, or is a witness.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct KeyScan {
+    pub(super) map_from_robot: Pose2,
+    /// Where the laser was, robot frame.
+    pub(super) eye: Point2,
+    pub(super) count: usize,
+}
+
+impl LaserOdometry<'_> {
+    /// Puts the robot at `map_from_robot` and forgets the reference; to be followed by [`refer_to`](Self::refer_to). What is known of
+    /// its motion stays.
+    ///
+    /// For a high level that has corrected the map.
+    pub fn restart_at(&mut self, map_from_robot: Pose2) {
+        self.ndt.clear();
+        (self.key_count, self.turn) = (0, 0);
+        self.key_scans.fill(KeyScan::default());
+        self.map_from_robot = map_from_robot;
+        self.map_from_key = map_from_robot;
+    }
+
+    /// Extends the reference by a scan that was taken at `map_from_scan`; returns how many points found no room.
+    ///
+    /// # Errors
+    /// [`PointCapacityError`] if the scan has more points than the memory lent; nothing has changed then.
+    pub fn refer_to(&mut self, sweep: &Sweep<'_>, map_from_scan: Pose2) -> Result<u32, PointCapacityError> {
+        let hits = filter::hits(sweep, self.hits)?;
+        let points = filter::thin(&self.config.filter, hits, self.points)?.len();
+        let hits = hits.len();
+        let hits = self.keep_standing(map_from_scan, hits);
+        Ok(self.extend_map(map_from_scan, sweep.robot_from_lrf.position(), (points, hits)).dropped)
+    }
+
+    /// Cells of the reference that count now stay as they are; see [`NdtGrid::freeze`]. For a robot in a map that shall not change.
+    pub fn freeze_reference(&mut self) {
+        self.ndt.freeze();
+    }
+
+    /// Brings the hits that stand still to the front of all, and returns how many these are.
+    pub(super) fn keep_standing(&mut self, map_from_robot: Pose2, hits: usize) -> usize {
+        if self.config.odometry.reference != Reference::WholeMap {
+            return hits;
+        }
+        let hits = self.hits.get_mut(..hits).unwrap_or_default();
+        witnesses::keep_standing(hits, map_from_robot, self.key_scans, self.key_points)
+    }
+
+    /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.
+    pub(super) fn extend(
+        &mut self,
+        map_from_robot: Pose2,
+        eye: Point2,
+        (points, hits): (usize, usize),
+    ) -> InsertReport {
+        self.map_from_key = map_from_robot;
+        if self.config.odometry.reference == Reference::WholeMap {
+            return self.extend_map(map_from_robot, eye, (points, hits));
+        }
+        let hits = self.hits.get(..hits).unwrap_or_default();
+        let Self { ndt, key_points, key_scans, .. } = self;
+        if let Some((key, memory)) = next_slot(key_scans, key_points, &mut self.key_count) {
+            ndt.remove(memory.get(..key.count).unwrap_or_default(), key.map_from_robot);
+            key.keep(memory, hits, map_from_robot, eye);
+        }
+        ndt.insert(hits, map_from_robot)
+    }
+
+    /// The same for the whole map: what moves is not map.
+    pub(super) fn extend_map(
+        &mut self,
+        map_from_robot: Pose2,
+        eye: Point2,
+        (points, hits): (usize, usize),
+    ) -> InsertReport {
+        let points = self.points.get(..points).unwrap_or_default();
+        let hits = self.hits.get(..hits).unwrap_or_default();
+        let Self { ndt, key_points, key_scans, .. } = self;
+        ndt.look_through(hits, eye, map_from_robot, self.turn);
+        self.turn = self.turn.wrapping_add(1);
+        let newest = self.key_count.checked_sub(1).and_then(|index| key_scans.get(index % key_scans.len().max(1)));
+        let is_due = newest.is_none_or(|newest| witnesses::is_due(newest.map_from_robot.between(map_from_robot)));
+        if is_due && let Some((witness, memory)) = next_slot(key_scans, key_points, &mut self.key_count) {
+            witness.keep(memory, points, map_from_robot, eye);
+        }
+        let inserted = ndt.insert(hits, map_from_robot);
+        walls::between(hits, |wall| {
+            ndt.insert(wall, map_from_robot);
+        });
+        inserted
+    }
+}
+
+impl KeyScan {
+    /// Becomes the scan with these `points`, as far as there is `memory` for them.
+    fn keep(&mut self, memory: &mut [Point2], points: &[Point2], map_from_robot: Pose2, eye: Point2) {
+        *self = Self { map_from_robot, eye, count: points.len().min(memory.len()) };
+        memory.iter_mut().zip(points).for_each(|(to, from)| *to = *from);
+    }
+}
+
+/// The place of the oldest scan that is kept, with the memory for its points; `None` if none is kept.
+fn next_slot<'s>(
+    scans: &'s mut [KeyScan],
+    points: &'s mut [Point2],
+    count: &mut usize,
+) -> Option<(&'s mut KeyScan, &'s mut [Point2])> {
+    let room = points.len().checked_div(scans.len())?;
+    let slot = *count % scans.len();
+    *count += 1;
+    Some((scans.get_mut(slot)?, points.chunks_mut(room.max(1)).nth(slot)?))
+}
