@@ -60,6 +60,10 @@ const SETTLING_SCANS: u32 = 10;
 const FOUND_SHARE: f32 = 0.6;
 /// … and its score is so many times that of the place where the robot was expected.
 const FOUND_BETTER: f32 = 1.2;
+/// After so long without a scan the robot may be anywhere …
+const GAP: Duration = Duration::from_millis(5000);
+/// … and a place is believed if its score per point is at least this share of the usual one: chosen, as different rooms reach two thirds.
+const RETURN_SHARE: f32 = 0.8;
 /// While lost the reference is left alone, for this many scans at most: chosen.
 const PATIENCE_SCANS: u16 = 10;
 /// Score per point that the first scans are measured by: chosen.
@@ -131,8 +135,10 @@ pub struct OdometryReport {
     pub is_key: bool,
     /// True if the scan agrees too little with the reference for the pose to be believed, or shows nothing.
     pub is_lost: bool,
-    /// True if the scan shows nothing: the laser is covered, or its scans are frozen.
+    /// True if the scan shows nothing: the laser is covered.
     pub is_blind: bool,
+    /// True if the scan repeats the ones before it to the bit: the laser is frozen, unless it is a simulated one that stands.
+    pub is_frozen: bool,
     /// What the reference could not keep.
     pub inserted: InsertReport,
     /// How the robot was taken to move during the sweep.
@@ -165,6 +171,8 @@ pub struct LaserOdometry<'m> {
     scans: u32,
     lost_scans: u16,
     sight: Sight,
+    /// Nobody knows whether the robot is still where it was.
+    doubts: bool,
 }
 
 impl<'m> LaserOdometry<'m> {
@@ -195,6 +203,7 @@ impl<'m> LaserOdometry<'m> {
             scans: 0,
             lost_scans: 0,
             sight: Sight::default(),
+            doubts: false,
         })
     }
 
@@ -233,19 +242,22 @@ impl<'m> LaserOdometry<'m> {
         let hits = filter::hits(&Sweep { scan: *scan, robot_from_lrf, motion }, self.hits)?;
         let count = filter::thin(&self.config.filter, hits, self.points)?.len();
         let hits = hits.len();
-        if self.sight.is_blind(scan, self.hits.get(..hits).unwrap_or_default(), robot_from_lrf.position()) {
-            return Ok(self.blind_step(scan, count, motion));
+        let is_frozen = self.sight.is_frozen(scan);
+        self.doubts |= is_frozen || self.last_stamp.is_some_and(|last| scan.stamp.since(last) > GAP);
+        if sight::is_covered(scan, self.hits.get(..hits).unwrap_or_default(), robot_from_lrf.position()) {
+            return Ok(self.blind_step(scan, count, motion, is_frozen));
         }
         let predicted = self.map_from_robot * displacement.unwrap_or_else(|| self.expected_step(scan, count));
         let first = self.ndt.tiles_used() == 0;
         if first {
-            (self.scans, self.score_per_point) = (0, SCORE_FIRST);
+            (self.scans, self.score_per_point, self.doubts) = (0, SCORE_FIRST, false);
         }
         let score_expected = self.score_per_point * count as f32;
         let prediction = Prediction { map_from_robot: predicted, score_expected, spread: self.spread(scan.stamp) };
         let matched = self.find(count, &prediction);
         let hits = self.keep_standing(matched.map_from_robot, hits);
-        let is_lost = !first && matched.score_per_point < self.config.recovery.lost_share * self.score_per_point;
+        let is_lost = !first && matched.score_per_point < self.lost_below();
+        self.doubts &= is_lost;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
         let map_from_robot = if first { self.map_from_robot } else { matched.map_from_robot };
         let is_trusted = !is_lost || self.lost_scans > PATIENCE_SCANS;
@@ -271,14 +283,21 @@ impl<'m> LaserOdometry<'m> {
             is_key,
             is_lost,
             is_blind: false,
+            is_frozen,
             inserted,
             motion,
         })
     }
 
     /// A step by a scan that shows nothing: the robot is where it was, as far as anybody knows.
-    fn blind_step(&mut self, scan: &RangeScan<'_>, points: usize, motion: SweepMotion) -> OdometryReport {
-        self.velocity = Pose2::IDENTITY;
+    fn blind_step(
+        &mut self,
+        scan: &RangeScan<'_>,
+        points: usize,
+        motion: SweepMotion,
+        is_frozen: bool,
+    ) -> OdometryReport {
+        (self.velocity, self.doubts) = (Pose2::IDENTITY, true);
         self.last_interval = self.last_stamp.map_or(Duration::ZERO, |last| scan.stamp.since(last));
         self.last_stamp = Some(scan.stamp);
         OdometryReport {
@@ -288,6 +307,7 @@ impl<'m> LaserOdometry<'m> {
             is_key: false,
             is_lost: true,
             is_blind: true,
+            is_frozen,
             inserted: InsertReport::default(),
             motion,
         }
@@ -297,12 +317,19 @@ impl<'m> LaserOdometry<'m> {
     fn find(&mut self, count: usize, prediction: &Prediction) -> Match {
         let points = self.points.get(..count).unwrap_or_default();
         let matched = self.matcher.align(&self.ndt, points, prediction, &mut self.rng);
-        if matched.score_per_point >= self.config.recovery.lost_share * self.score_per_point {
+        if matched.score_per_point >= self.lost_below() {
             return matched;
         }
         let wide = self.matcher.align_anywhere(&self.ndt, points, prediction, &self.config.recovery, &mut self.rng);
         let is_found = wide.score_per_point >= FOUND_SHARE * self.score_per_point;
         if is_found && wide.score > FOUND_BETTER * matched.score { wide } else { matched }
+    }
+
+    /// Score per point below which a scan is lost: after a while without sight the robot may be anywhere, and half a fit is none.
+    fn lost_below(&self) -> f32 {
+        let RecoveryConfig { lost_share, .. } = self.config.recovery;
+        let share = if self.doubts && lost_share > 0.0 { lost_share.max(RETURN_SHARE) } else { lost_share };
+        share * self.score_per_point
     }
 
     fn is_key(&self, map_from_robot: Pose2) -> bool {

@@ -101,7 +101,7 @@ impl LaserOdometry<'_> {
 
 impl KeyScan {
     /// Becomes the scan with these `points`, as far as there is `memory` for them.
-    fn keep(&mut self, memory: &mut [Point2], points: &[Point2], map_from_robot: Pose2, eye: Point2) {
+    pub(super) fn keep(&mut self, memory: &mut [Point2], points: &[Point2], map_from_robot: Pose2, eye: Point2) {
         *self = Self { map_from_robot, eye, count: points.len().min(memory.len()) };
         memory.iter_mut().zip(points).for_each(|(to, from)| *to = *from);
     }

@@ -1,4 +1,4 @@
-//! Does a scan show anything? A covered laser measures its cover, and a frozen one repeats a scan to the bit, which no living one does.
+//! Does a scan show anything? A covered laser measures its cover. A frozen one repeats a scan to the bit, as only a simulated one does that stands.
 
 use crate::geometry::Point2;
 use crate::scan::{Echo, RangeScan};
@@ -23,15 +23,19 @@ pub(super) struct Sight {
 }
 
 impl Sight {
-    /// True if `scan` shows nothing; `hits` are its hits and `eye` is the laser, robot frame.
-    pub(super) fn is_blind(&mut self, scan: &RangeScan<'_>, hits: &[Point2], eye: Point2) -> bool {
+    /// True if `scan` repeats the ones before it.
+    pub(super) fn is_frozen(&mut self, scan: &RangeScan<'_>) -> bool {
         let print = fingerprint(scan);
         self.repeats = if print == self.last { self.repeats.saturating_add(1) } else { 0 };
         self.last = print;
-        let far = hits.iter().filter(|hit| (**hit - eye).norm() > COVER_M).count();
-        let is_covered = far < HITS_MIN.max(scan.beams.len() / BEAMS_PER_HIT);
-        is_covered || self.repeats >= REPEATS_MAX
+        self.repeats >= REPEATS_MAX
     }
+}
+
+/// True if `scan` shows nothing; `hits` are its hits and `eye` is the laser, robot frame.
+pub(super) fn is_covered(scan: &RangeScan<'_>, hits: &[Point2], eye: Point2) -> bool {
+    let far = hits.iter().filter(|hit| (**hit - eye).norm() > COVER_M).count();
+    far < HITS_MIN.max(scan.beams.len() / BEAMS_PER_HIT)
 }
 
 fn fingerprint(scan: &RangeScan<'_>) -> u32 {
@@ -39,4 +43,39 @@ fn fingerprint(scan: &RangeScan<'_>) -> u32 {
         let range = if let Echo::Hit(range_m) = beam.echo { range_m.to_bits() } else { 0 };
         (hash ^ range).wrapping_mul(FNV_PRIME)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::Beam;
+    use crate::time::{Duration, Instant};
+
+    fn scan_of(ranges: impl Fn(usize) -> Echo) -> [Beam; 180] {
+        core::array::from_fn(|i| Beam { bearing_rad: 0.01 * i as f32, offset: Duration::ZERO, echo: ranges(i) })
+    }
+
+    fn is_covered_by(beams: &[Beam]) -> bool {
+        let hits: std::vec::Vec<Point2> = beams.iter().filter_map(Point2::of_hit).collect();
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams };
+        is_covered(&scan, &hits, Point2::default())
+    }
+
+    #[test]
+    fn a_hand_covers_a_laser_and_a_few_far_hits_uncover_it() {
+        assert!(is_covered_by(&scan_of(|_| Echo::Hit(0.1))));
+        assert!(is_covered_by(&scan_of(|_| Echo::Miss)));
+        assert!(!is_covered_by(&scan_of(|i| Echo::Hit(if i % 30 == 0 { 2.0 } else { 0.1 }))));
+    }
+
+    #[test]
+    fn only_what_repeats_to_the_bit_is_frozen() {
+        let mut sight = Sight::default();
+        let mut repeats = |noise_m: f32, times: usize| {
+            let beams = scan_of(|i| Echo::Hit(2.0 + 0.01 * i as f32 + noise_m));
+            let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+            (0..times).filter(|_| sight.is_frozen(&scan)).count()
+        };
+        assert_eq!((repeats(0.0, 10), repeats(0.001, 4), repeats(0.0, 6)), (6, 0, 2));
+    }
 }

@@ -39,3 +39,25 @@ pub(super) fn between(hits: &[Point2], mut add: impl FnMut(&[Point2])) {
         add(points.get(..count).unwrap_or_default());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    fn filled(hits: &[(f32, f32)]) -> usize {
+        let hits: Vec<Point2> = hits.iter().map(|(x, y)| Point2::new(*x, *y)).collect();
+        let mut count = 0;
+        between(&hits, |points| count += points.len());
+        count
+    }
+
+    #[test]
+    fn three_on_a_line_are_a_wall_and_a_corner_a_door_or_dense_hits_are_not() {
+        assert_eq!(filled(&[(0.0, 1.0), (0.45, 1.0), (0.9, 1.0)]), 8);
+        assert_eq!(filled(&[(0.0, 1.0), (0.4, 1.0)]), 0, "two are on any line");
+        assert_eq!(filled(&[(0.0, 1.0), (0.4, 1.0), (0.4, 1.4)]), 0);
+        assert_eq!(filled(&[(0.0, 1.0), (0.9, 1.0), (1.8, 1.0)]), 0);
+        assert_eq!(filled(&[(0.0, 1.0), (0.05, 1.0), (0.1, 1.0)]), 0);
+    }
+}

@@ -156,3 +156,56 @@ fn is_before(point: Point2, a: Point2, b: Point2) -> bool {
     let side = |from: Point2| line.x * (from.y - a.y) - line.y * (from.x - a.x);
     side(point) * side(Point2::default()) > 0.0
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// What a laser at `x` on the axis of a corridor 4 m wide and 20 m long sees, robot frame, with `more` in its way.
+    fn seen_from(x: f32, more: &dyn Fn(f32) -> f32) -> Vec<Point2> {
+        let hit = |degree: i32| {
+            let bearing = (degree as f32 - 90.0).to_radians();
+            let (sin, cos) = (libm::sinf(bearing), libm::cosf(bearing).max(1e-3));
+            let range = (2.0 / sin.abs().max(1e-3)).min((20.0 - x) / cos).min(more(bearing));
+            Point2::from_polar(range, bearing)
+        };
+        (0..=180).map(hit).collect()
+    }
+
+    fn standing(now: f32, hits: &mut [Point2], earlier: [f32; 2], more: &dyn Fn(f32) -> f32) -> usize {
+        let mut points = vec![Point2::default(); 2 * 181];
+        let witnesses: Vec<KeyScan> = earlier
+            .iter()
+            .zip(points.chunks_mut(181))
+            .map(|(x, memory)| {
+                let mut witness = KeyScan::default();
+                witness.keep(memory, &seen_from(*x, more), Pose2::new(*x, 0.0, 0.0), Point2::default());
+                witness
+            })
+            .collect();
+        keep_standing(hits, Pose2::new(now, 0.0, 0.0), &witnesses, &points)
+    }
+
+    const NOBODY: &dyn Fn(f32) -> f32 = &|_| f32::MAX;
+
+    #[test]
+    fn walls_stand_and_who_came_since_does_not() {
+        let mut walls = seen_from(2.0, NOBODY);
+        assert_eq!(standing(2.0, &mut walls, [1.0, 0.0], NOBODY), 181);
+        // Somebody 1.5 m ahead, 0.4 m wide: 15 beams.
+        let mut hits = seen_from(2.0, &|bearing| if bearing.abs() < 0.13 { 1.5 } else { f32::MAX });
+        assert_eq!(standing(2.0, &mut hits, [1.0, 0.0], NOBODY), 181 - 15);
+        assert!(hits[..166].iter().all(|hit| hit.norm() > 1.9), "those that stand come first");
+    }
+
+    /// Nobody has ever seen the place where he stands, for he stood before it all the time.
+    #[test]
+    fn who_goes_before_the_robot_is_not_map() {
+        let escort = |bearing: f32| if bearing.abs() < 0.4 { 1.2 } else { f32::MAX };
+        let mut hits = seen_from(2.0, &escort);
+        let kept = standing(2.0, &mut hits, [1.4, 0.8], &escort);
+        assert!((181 - 51..=181 - 40).contains(&kept), "{kept}");
+    }
+}

@@ -1,8 +1,8 @@
 //! What rays go through is not there: people who walked on, doors that opened, walls drawn at a wrong pose.
 //!
 //! A ray takes evidence from every cell whose distribution it went through, until the cell is gone. It went through if it passed the
-//! mean within [`THROUGH`], and went on behind it for [`BEHIND_SIGMAS`] of the distribution along the ray. So a ray that ends on a wall
-//! never speaks against that wall, however flat it meets it.
+//! mean within [`THROUGH`], and went on behind it for [`BEHIND_SIGMAS`] of the distribution: of a wall, across it. So a ray that ends on
+//! a wall does not speak against it, however flat it meets it.
 //!
 //! Source: Saarinen, Andreasson, Stoyanov & Lilienthal, *3D normal distributions transform occupancy maps*, IJRR 2013: where along a ray a
 //! distribution is likeliest. Departure: evidence is the number of points itself.
@@ -20,6 +20,8 @@ const BEHIND_SIGMAS: f32 = 3.0;
 /// And at least so far, m: the error of ranges and poses. Chosen.
 const BEHIND_M: f32 = 0.2;
 
+/// A distribution is a wall if half the difference of its axes' information is more than this share of half their sum. Chosen.
+const WALL_SHARE: f32 = 0.6;
 /// One ray of so many is looked along: what a quarter of the rays hit is there. Source: the share of rays that GMapping draws with.
 pub const RAY_STEP: usize = 4;
 
@@ -83,7 +85,63 @@ impl Ray {
         let likeliest = -(x * along.x + y * along.y) / curvature;
         let (x, y) = (x + likeliest * d.x, y + likeliest * d.y);
         let distance = x * (xx * x + 2.0 * xy * y) + yy * y * y;
-        let behind = (BEHIND_SIGMAS / libm::sqrtf(curvature)).max(self.behind);
-        distance < THROUGH && likeliest > 0.0 && likeliest + behind < self.length
+        if distance >= THROUGH || likeliest <= 0.0 || likeliest + self.behind >= self.length {
+            return false;
+        }
+        let (half_trace, half_difference) = (0.5 * (xx + yy), 0.5 * (xx - yy));
+        let radius = hypot(half_difference, xy);
+        let sigmas_per_cell = if radius > WALL_SHARE * half_trace {
+            // The cell cuts the wall off, so only its normal counts: (d·n)² of the sharper axis.
+            let cos2 = (half_difference * (d.x * d.x - d.y * d.y) + 2.0 * xy * d.x * d.y) / radius;
+            libm::sqrtf((half_trace + radius) * 0.5 * (1.0 + cos2).max(0.0))
+        } else {
+            libm::sqrtf(curvature)
+        };
+        likeliest + BEHIND_SIGMAS / sigmas_per_cell.max(1e-6) < self.length
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ndt::{DirectoryEntry, NdtConfig, NdtTile};
+    use std::vec;
+    use std::vec::Vec;
+
+    fn line(from: (f32, f32), to: (f32, f32), count: usize) -> Vec<Point2> {
+        let share = |i: usize| i as f32 / (count - 1) as f32;
+        (0..count)
+            .map(|i| Point2::new(from.0 + (to.0 - from.0) * share(i), from.1 + (to.1 - from.1) * share(i)))
+            .collect()
+    }
+
+    fn after_looking(standing: &[Point2], hits: &[Point2], times: u32) -> (f32, f32) {
+        let mut directory = vec![DirectoryEntry::EMPTY; 4 * 64 * 64];
+        let mut tiles = vec![NdtTile::EMPTY; 4000];
+        let mut grid = NdtGrid::new(&NdtConfig::default(), &mut directory, &mut tiles).unwrap();
+        (0..5).for_each(|_| {
+            grid.insert(standing, Pose2::IDENTITY);
+        });
+        let before = grid.score(standing, Pose2::IDENTITY);
+        (0..times).for_each(|turn| grid.look_through(hits, Point2::default(), Pose2::IDENTITY, turn));
+        (before, grid.score(standing, Pose2::IDENTITY))
+    }
+
+    #[test]
+    fn who_walked_on_is_gone_when_the_wall_behind_is_seen() {
+        let somebody = line((2.0, -0.2), (2.0, 0.2), 20);
+        let wall = line((4.0, -2.0), (4.0, 2.0), 81);
+        let (before, after) = after_looking(&somebody, &wall, 40);
+        assert!(before > 10.0 && after < 0.5, "{before} {after}");
+    }
+
+    /// However flat the rays meet it.
+    #[test]
+    fn a_wall_does_not_wear_off_by_being_looked_at() {
+        let wall = line((0.5, 0.4), (9.0, 0.4), 200);
+        let noisy: Vec<Point2> =
+            wall.iter().enumerate().map(|(i, point)| Point2::new(point.x, point.y + 0.02 * (i % 3) as f32)).collect();
+        let (before, after) = after_looking(&wall, &noisy, 200);
+        assert!(after > 0.98 * before, "{before} {after}");
     }
 }

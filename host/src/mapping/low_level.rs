@@ -33,6 +33,8 @@ pub struct LowPose {
     pub is_lost: bool,
     /// The scan shows nothing.
     pub is_blind: bool,
+    /// The scan repeats the ones before it to the bit.
+    pub is_frozen: bool,
 }
 
 /// What the low level is to go on with.
@@ -49,8 +51,10 @@ pub struct Correction {
 pub struct MatchCounts {
     /// Scans that agreed too little with the reference for their pose to be believed.
     pub lost_scans: u64,
-    /// Of these, scans that showed nothing: the laser was covered, or its scans frozen.
+    /// Of these, scans that showed nothing: the laser was covered.
     pub blind_scans: u64,
+    /// Scans that repeated the ones before them to the bit.
+    pub frozen_scans: u64,
     /// Scans whose scene left an axis undetermined, e.g. a featureless corridor.
     pub undetermined_scans: u64,
     /// Scans that went into the reference.
@@ -70,6 +74,7 @@ impl MatchCounts {
     pub(crate) fn add(&mut self, step: &laser_odometry::OdometryReport) {
         self.lost_scans += u64::from(step.is_lost);
         self.blind_scans += u64::from(step.is_blind);
+        self.frozen_scans += u64::from(step.is_frozen);
         self.undetermined_scans += u64::from(step.matched.undetermined.is_some());
         self.key_scans += u64::from(step.is_key);
         self.generations += u64::from(step.matched.generations);

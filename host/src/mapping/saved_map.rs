@@ -194,7 +194,7 @@ mod tests {
             let stamp = Instant::from_micros(200_000 * i64::from(i));
             let scan = RangeScan { stamp, range_max_m: 8.0, beams: &beams };
             let map_from_robot = Pose2::new(0.3 * i as f32, 0.0, 0.01 * i as f32);
-            let low = LowPose { map_from_robot, undetermined: None, is_lost: false, is_blind: false };
+            let low = LowPose { map_from_robot, undetermined: None, is_lost: false, is_blind: false, is_frozen: false };
             high.add_scan(&Sweep::at_rest(scan, Pose2::new(0.1, 0.0, 0.0)), &low).unwrap();
         }
         SavedMap::new("[map]\ncell_size_m = 0.05\n".to_owned(), &high)

@@ -198,6 +198,7 @@ impl Run<'_, RobotMap> {
             undetermined: pose.undetermined,
             is_lost: pose.is_lost,
             is_blind: false,
+            is_frozen: false,
         };
         // To the robot's path every scan is a step.
         let (step, fit) = (self.places.len(), Fit::from(&low));
@@ -264,7 +265,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
     }
 
     /// Where the robot was at every scan whose pose is to be believed: it fits the map, and the map is not a piece apart.
-    fn trusted_trajectory(&self) -> Vec<TimedPose> {
+    pub fn trusted_trajectory(&self) -> Vec<TimedPose> {
         if let Some(high) = &self.high {
             return high.trajectory_with_trust().filter_map(|(pose, is_trusted)| is_trusted.then_some(pose)).collect();
         }
@@ -286,5 +287,6 @@ impl<'m, L: LowLevel> Run<'m, L> {
 /// What the high level goes by: laser odometry, which the particles have corrected, without their jumps from one to the other.
 fn low_pose(step: &laser_odometry::OdometryReport) -> LowPose {
     let Match { map_from_robot, undetermined, .. } = step.matched;
-    LowPose { map_from_robot, undetermined, is_lost: step.is_lost, is_blind: step.is_blind }
+    let laser_odometry::OdometryReport { is_lost, is_blind, is_frozen, .. } = *step;
+    LowPose { map_from_robot, undetermined, is_lost, is_blind, is_frozen }
 }

@@ -78,11 +78,21 @@ fn has_made_up_times(report: &RunReport) -> bool {
 type Note = (bool, String);
 
 fn map_notes(report: &RunReport) -> Vec<Note> {
-    let MatchCounts { lost_scans, undetermined_scans, dropped_points, forgotten_tiles, .. } = report.matching;
+    let MatchCounts {
+        lost_scans, blind_scans, frozen_scans, undetermined_scans, dropped_points, forgotten_tiles, ..
+    } = report.matching;
     let (tiles, points) = (count(forgotten_tiles, "tile"), count(dropped_points, "point"));
     vec![
         (report.beams.hits == 0, "no beam hit anything: there is no map".to_owned()),
         (lost_scans > 0, format!("{} agreed too little with the map to be believed", count(lost_scans, "scan"))),
+        (
+            blind_scans > 0,
+            format!("{} showed nothing: the laser was covered, or nothing is in reach", count(blind_scans, "scan")),
+        ),
+        (
+            frozen_scans > 0,
+            format!("{} repeat the ones before to the bit: is the laser frozen?", count(frozen_scans, "scan")),
+        ),
         (
             undetermined_scans > 0,
             format!("{} left an axis undetermined (featureless corridor?)", count(undetermined_scans, "scan")),

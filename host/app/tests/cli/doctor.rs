@@ -53,7 +53,7 @@ fn real_logs_are_not_cried_wolf_over() {
         ("aces.clf.gz", &["gaps", "unsteady-rate", "too-fast"]),
         ("loop5.log.gz", &["too-fast"]),
         ("urg04lx-exp2.dat.gz", &["mostly-invalid", "dead-sector", "too-fast", "smeared", "odometry-late"]),
-        ("fr-clinic.clf.gz", &["gaps", "too-fast"]),
+        ("fr-clinic.clf.gz", &["gaps", "too-fast", "lost"]),
     ];
     for (name, may) in expected {
         let Some(log) = real_data(&format!("logs/{name}")) else { return };

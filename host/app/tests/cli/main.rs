@@ -1,6 +1,7 @@
 //! The program as its user sees it: what goes in, what comes out, and what is said about wrong input. One binary for all, linked once.
 
 mod accuracy;
+mod bad_days;
 mod bad_input;
 mod cloud;
 mod common;

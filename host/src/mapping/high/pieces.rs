@@ -35,6 +35,8 @@ pub(super) struct Pieces {
     of_node: Vec<usize>,
     /// Scans in a row that fit nowhere.
     lost_scans: usize,
+    /// Scans in a row that fit nowhere or are frozen: of which nobody knows where they were taken, if the robot is lost after them.
+    doubted: usize,
 }
 
 impl Pieces {
@@ -45,7 +47,7 @@ impl Pieces {
             let (keep, go) = (of_node[edge.from].min(of_node[edge.to]), of_node[edge.from].max(of_node[edge.to]));
             of_node.iter_mut().filter(|piece| **piece == go).for_each(|piece| *piece = keep);
         }
-        Self { of_node, lost_scans: 0 }
+        Self { of_node, lost_scans: 0, doubted: 0 }
     }
 
     /// The piece that node or segment `index` belongs to.
@@ -60,7 +62,7 @@ impl Pieces {
 
     fn begin(&mut self) {
         self.of_node.push(self.of_node.len());
-        self.lost_scans = 0;
+        (self.lost_scans, self.doubted) = (0, 0);
     }
 
     fn join(&mut self, a: usize, b: usize) {
@@ -75,6 +77,7 @@ impl Pieces {
             (true, false) => self.lost_scans += 1,
             (true, true) => {}
         }
+        self.doubted = if low.is_lost || low.is_frozen { self.doubted + 1 } else { 0 };
         self.lost_scans >= LOST_SCANS
     }
 }
@@ -82,6 +85,8 @@ impl Pieces {
 impl HighSlam<'_> {
     /// The robot may be anywhere: it goes on with an empty map.
     pub(super) fn begin_piece(&mut self) -> Correction {
+        let known = self.open.poses.len().saturating_sub(self.pieces.doubted);
+        self.open.poses[known..].iter_mut().for_each(|pose| pose.is_lost = true);
         if !self.open.poses.is_empty() {
             self.close_segment();
         }
