@@ -252,9 +252,7 @@ impl<'m> LaserOdometry<'m> {
         if first {
             (self.scans, self.score_per_point, self.doubts) = (0, SCORE_FIRST, false);
         }
-        let score_expected = self.score_per_point * count as f32;
-        let prediction = Prediction { map_from_robot: predicted, score_expected, spread: self.spread(scan.stamp) };
-        let matched = self.find(count, &prediction);
+        let matched = self.find(count, predicted, scan.stamp);
         let hits = self.keep_standing(matched.map_from_robot, hits);
         let is_lost = !first && matched.score_per_point < self.lost_below();
         self.doubts &= is_lost;
@@ -270,8 +268,7 @@ impl<'m> LaserOdometry<'m> {
         let step = self.map_from_robot.between(map_from_robot);
         self.velocity = if is_lost || step.heading.abs() > STEADY_RAD { Pose2::IDENTITY } else { step };
         self.map_from_robot = map_from_robot;
-        self.last_interval = self.last_stamp.map_or(Duration::ZERO, |last| scan.stamp.since(last));
-        self.last_stamp = Some(scan.stamp);
+        self.pass(scan.stamp);
         if !first && is_trusted {
             self.score_per_point += SCORE_SHARE * (matched.score_per_point - self.score_per_point);
         }
@@ -289,6 +286,12 @@ impl<'m> LaserOdometry<'m> {
         })
     }
 
+    /// Time goes on to that of the scan.
+    fn pass(&mut self, stamp: Instant) {
+        self.last_interval = self.last_stamp.map_or(Duration::ZERO, |last| stamp.since(last));
+        self.last_stamp = Some(stamp);
+    }
+
     /// A step by a scan that shows nothing: the robot is where it was, as far as anybody knows.
     fn blind_step(
         &mut self,
@@ -298,8 +301,7 @@ impl<'m> LaserOdometry<'m> {
         is_frozen: bool,
     ) -> OdometryReport {
         (self.velocity, self.doubts) = (Pose2::IDENTITY, true);
-        self.last_interval = self.last_stamp.map_or(Duration::ZERO, |last| scan.stamp.since(last));
-        self.last_stamp = Some(scan.stamp);
+        self.pass(scan.stamp);
         OdometryReport {
             matched: Match::none(self.map_from_robot),
             predicted: self.map_from_robot,
@@ -314,7 +316,9 @@ impl<'m> LaserOdometry<'m> {
     }
 
     /// Matches the current points, with a wider search if the robot is not where it was expected.
-    fn find(&mut self, count: usize, prediction: &Prediction) -> Match {
+    fn find(&mut self, count: usize, predicted: Pose2, stamp: Instant) -> Match {
+        let score_expected = self.score_per_point * count as f32;
+        let prediction = &Prediction { map_from_robot: predicted, score_expected, spread: self.spread(stamp) };
         let points = self.points.get(..count).unwrap_or_default();
         let matched = self.matcher.align(&self.ndt, points, prediction, &mut self.rng);
         if matched.score_per_point >= self.lost_below() {
