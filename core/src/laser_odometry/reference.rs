@@ -40,7 +40,7 @@ impl LaserOdometry<'_> {
         Ok(self.extend_map(map_from_scan, sweep.robot_from_lrf.position(), (points, hits)).dropped)
     }
 
-    /// Cells of the reference that count now stay as they are; see [`NdtGrid::freeze`]. For a robot in a map that shall not change.
+    /// Cells of the reference that count now stay as they are; see [`NdtGrid::freeze`](crate::ndt::NdtGrid::freeze). For a robot in a map that shall not change.
     pub fn freeze_reference(&mut self) {
         self.ndt.freeze();
     }

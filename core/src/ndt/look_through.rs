@@ -23,13 +23,13 @@ const BEHIND_M: f32 = 0.2;
 /// A distribution is a wall if half the difference of its axes' information is more than this share of half their sum. Chosen.
 const WALL_SHARE: f32 = 0.6;
 /// One ray of so many is looked along: what a quarter of the rays hit is there. Source: the share of rays that GMapping draws with.
-pub const RAY_STEP: usize = 4;
+const RAY_STEP: usize = 4;
 
 impl NdtGrid<'_> {
     /// Takes evidence from what stands between the laser and `points` (robot frame), seen from `map_from_robot`.
     ///
     /// * `robot_from_lrf` — where the laser is on the robot, m
-    /// * `turn` — counts the scans: of [`RAY_STEP`] rays one is looked along, each time another one
+    /// * `turn` — counts the scans: one of four rays is looked along, each time another one
     ///
     /// Cost: O(cells on these rays). What [`insert`](Self::insert) added can no longer be removed without a trace.
     pub fn look_through(&mut self, points: &[Point2], robot_from_lrf: Point2, map_from_robot: Pose2, turn: u32) {
