@@ -84,7 +84,10 @@ impl LaserOdometry<'_> {
         let points = self.points.get(..points).unwrap_or_default();
         let hits = self.hits.get(..hits).unwrap_or_default();
         let Self { ndt, key_points, key_scans, .. } = self;
-        ndt.look_through(hits, eye, map_from_robot, self.turn);
+        // Without witnesses all is map: what a ray goes through would depend on what is in memory far away.
+        if !key_scans.is_empty() {
+            ndt.look_through(hits, eye, map_from_robot, self.turn);
+        }
         self.turn = self.turn.wrapping_add(1);
         let newest = self.key_count.checked_sub(1).and_then(|index| key_scans.get(index % key_scans.len().max(1)));
         let is_due = newest.is_none_or(|newest| witnesses::is_due(newest.map_from_robot.between(map_from_robot)));

@@ -105,9 +105,9 @@ fn a_covered_laser_on_a_driving_robot_costs_the_way_meanwhile_and_no_more() {
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn mirrored_scans_are_a_piece_apart() {
-    const TURNED: usize = 1000;
+    const TURNED: usize = 1500;
     let Some(scans) = intel() else { return };
-    let later = scans[TURNED..TURNED + 600].iter().cloned().map(mirrored);
+    let later = scans[TURNED..TURNED + 400].iter().cloned().map(mirrored);
     let mapped = mapped(&driven(scans[..TURNED].iter().cloned().chain(later)));
     let last = mapped.trusted.last().map(index);
     println!("mirrored: poses believed up to scan {last:?}");
