@@ -253,7 +253,6 @@ impl<'m> LaserOdometry<'m> {
             (self.scans, self.score_per_point, self.doubts) = (0, SCORE_FIRST, false);
         }
         let matched = self.find(count, predicted, scan.stamp);
-        let hits = self.keep_standing(matched.map_from_robot, hits);
         let is_lost = !first && matched.score_per_point < self.lost_below();
         self.doubts &= is_lost;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };

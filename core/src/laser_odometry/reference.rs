@@ -35,23 +35,16 @@ impl LaserOdometry<'_> {
     pub fn refer_to(&mut self, sweep: &Sweep<'_>, map_from_scan: Pose2) -> Result<u32, PointCapacityError> {
         let hits = filter::hits(sweep, self.hits)?;
         let points = filter::thin(&self.config.filter, hits, self.points)?.len();
+        if self.config.odometry.reference != Reference::WholeMap {
+            return Ok(self.ndt.insert(hits, map_from_scan).dropped);
+        }
         let hits = hits.len();
-        let hits = self.keep_standing(map_from_scan, hits);
         Ok(self.extend_map(map_from_scan, sweep.robot_from_lrf.position(), (points, hits)).dropped)
     }
 
     /// Cells of the reference that count now stay as they are; see [`NdtGrid::freeze`](crate::ndt::NdtGrid::freeze). For a robot in a map that shall not change.
     pub fn freeze_reference(&mut self) {
         self.ndt.freeze();
-    }
-
-    /// Brings the hits that stand still to the front of all, and returns how many these are.
-    pub(super) fn keep_standing(&mut self, map_from_robot: Pose2, hits: usize) -> usize {
-        if self.config.odometry.reference != Reference::WholeMap {
-            return hits;
-        }
-        let hits = self.hits.get_mut(..hits).unwrap_or_default();
-        witnesses::keep_standing(hits, map_from_robot, self.key_scans, self.key_points)
     }
 
     /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.
@@ -82,8 +75,10 @@ impl LaserOdometry<'_> {
         (points, hits): (usize, usize),
     ) -> InsertReport {
         let points = self.points.get(..points).unwrap_or_default();
-        let hits = self.hits.get(..hits).unwrap_or_default();
+        let hits = self.hits.get_mut(..hits).unwrap_or_default();
         let Self { ndt, key_points, key_scans, .. } = self;
+        let standing = witnesses::keep_standing(hits, map_from_robot, key_scans, key_points);
+        let hits = hits.get(..standing).unwrap_or_default();
         // Without witnesses all is map: what a ray goes through would depend on what is in memory far away.
         if !key_scans.is_empty() {
             ndt.look_through(hits, eye, map_from_robot, self.turn);
