@@ -13,12 +13,14 @@ use crate::scan::RangeScan;
 use crate::sweep::{Sweep, SweepMotion};
 use crate::time::{Duration, Instant};
 
+mod course;
 mod expectation;
 mod reference;
 mod sight;
 mod walls;
 mod witnesses;
 
+use self::course::{Course, Forecast};
 pub use self::reference::KeyScan;
 use self::sight::Sight;
 
@@ -70,8 +72,6 @@ const PATIENCE_SCANS: u16 = 10;
 const SCORE_FIRST: f32 = 0.5;
 /// Share of a scan's score per point in the usual one: it follows over about ten scans.
 const SCORE_SHARE: f32 = 0.1;
-/// A step that turns more than this, rad, is not expected again.
-const STEADY_RAD: f32 = 0.5;
 
 impl OdometryConfig {
     /// Scans that are kept, to be removed again or as witnesses, for which there must be memory.
@@ -162,7 +162,9 @@ pub struct LaserOdometry<'m> {
     turn: u32,
     map_from_robot: Pose2,
     map_from_key: Pose2,
-    velocity: Pose2,
+    /// Where the last scan that went into the whole map was taken.
+    map_from_drawn: Pose2,
+    course: Course,
     last_stamp: Option<Instant>,
     last_interval: Duration,
     /// From scan to scan in the mean, s.
@@ -195,7 +197,8 @@ impl<'m> LaserOdometry<'m> {
             turn: 0,
             map_from_robot: Pose2::IDENTITY,
             map_from_key: Pose2::IDENTITY,
-            velocity: Pose2::IDENTITY,
+            map_from_drawn: Pose2::IDENTITY,
+            course: Course::default(),
             last_stamp: None,
             last_interval: Duration::ZERO,
             usual_interval_s: 0.0,
@@ -245,18 +248,24 @@ impl<'m> LaserOdometry<'m> {
         let is_frozen = self.sight.is_frozen(scan);
         self.doubts |= is_frozen || self.last_stamp.is_some_and(|last| scan.stamp.since(last) > GAP);
         if sight::is_covered(scan, self.hits.get(..hits).unwrap_or_default(), robot_from_lrf.position()) {
+            self.map_from_robot = self.map_from_robot * self.course.trusted(displacement).unwrap_or_default();
             return Ok(self.blind_step(scan, count, motion, is_frozen));
         }
-        let predicted = self.map_from_robot * displacement.unwrap_or_else(|| self.expected_step(scan, count));
+        let forecast = self.forecast(scan, count, displacement);
+        let predicted = self.map_from_robot * forecast.step;
         let first = self.ndt.tiles_used() == 0;
         if first {
             (self.scans, self.score_per_point, self.doubts) = (0, SCORE_FIRST, false);
         }
-        let matched = self.find(count, predicted, scan.stamp);
+        let matched = self.find(count, predicted, &forecast);
         let is_lost = !first && matched.score_per_point < self.lost_below();
         self.doubts &= is_lost;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
-        let map_from_robot = if first { self.map_from_robot } else { matched.map_from_robot };
+        let map_from_robot = match self.course.trusted(displacement) {
+            _ if first => self.map_from_robot,
+            Some(_) if is_lost => predicted,
+            _ => matched.map_from_robot,
+        };
         let is_trusted = !is_lost || self.lost_scans > PATIENCE_SCANS;
         let is_settling = self.scans < SETTLING_SCANS;
         self.scans = self.scans.saturating_add(1);
@@ -265,7 +274,11 @@ impl<'m> LaserOdometry<'m> {
         let inserted =
             if is_key { self.extend(map_from_robot, robot_from_lrf, (count, hits)) } else { InsertReport::default() };
         let step = self.map_from_robot.between(map_from_robot);
-        self.velocity = if is_lost || step.heading.abs() > STEADY_RAD { Pose2::IDENTITY } else { step };
+        if is_lost {
+            self.course.rest();
+        } else {
+            self.course.advance(&forecast, step, &matched);
+        }
         self.map_from_robot = map_from_robot;
         self.pass(scan.stamp);
         if !first && is_trusted {
@@ -291,7 +304,7 @@ impl<'m> LaserOdometry<'m> {
         self.last_stamp = Some(stamp);
     }
 
-    /// A step by a scan that shows nothing: the robot is where it was, as far as anybody knows.
+    /// A step by a scan that shows nothing: the robot is where it was, or where odometry says, as far as anybody knows.
     fn blind_step(
         &mut self,
         scan: &RangeScan<'_>,
@@ -299,7 +312,8 @@ impl<'m> LaserOdometry<'m> {
         motion: SweepMotion,
         is_frozen: bool,
     ) -> OdometryReport {
-        (self.velocity, self.doubts) = (Pose2::IDENTITY, true);
+        self.course.rest();
+        self.doubts = true;
         self.pass(scan.stamp);
         OdometryReport {
             matched: Match::none(self.map_from_robot),
@@ -315,9 +329,10 @@ impl<'m> LaserOdometry<'m> {
     }
 
     /// Matches the current points, with a wider search if the robot is not where it was expected.
-    fn find(&mut self, count: usize, predicted: Pose2, stamp: Instant) -> Match {
+    fn find(&mut self, count: usize, predicted: Pose2, forecast: &Forecast) -> Match {
         let score_expected = self.score_per_point * count as f32;
-        let prediction = &Prediction { map_from_robot: predicted, score_expected, spread: self.spread(stamp) };
+        let prediction =
+            &Prediction { map_from_robot: predicted, score_expected, spread: forecast.spread, prior: forecast.prior };
         let points = self.points.get(..count).unwrap_or_default();
         let matched = self.matcher.align(&self.ndt, points, prediction, &mut self.rng);
         if matched.score_per_point >= self.lost_below() {

@@ -148,8 +148,26 @@ pub struct Prediction {
     pub map_from_robot: Pose2,
     /// A of eq. (4.43): the score that a perfect match of this many points would reach.
     pub score_expected: f32,
-    /// The robot may be so many times as far from there as the configuration says.
+    /// The robot may be so many times as far from there as the box of the configuration says.
     pub spread: f32,
+    /// How far from there it is likely to be.
+    pub prior: PriorSpread,
+}
+
+impl Prediction {
+    /// Box and prior as the configuration has them.
+    pub fn usual(map_from_robot: Pose2, score_expected: f32) -> Self {
+        Self { map_from_robot, score_expected, spread: 1.0, prior: PriorSpread { position: 1.0, heading: 1.0 } }
+    }
+}
+
+/// How wide the prior of a match is: so many times the configured deviations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PriorSpread {
+    /// In position.
+    pub position: f32,
+    /// In heading.
+    pub heading: f32,
 }
 
 /// How a place is searched for.

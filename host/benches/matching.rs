@@ -114,7 +114,7 @@ fn whole_match(bencher: Bencher<'_, '_>, kind: &str) {
     bencher.counter(ItemsCount::new(pairs.len())).bench_local(|| {
         for (pair, grid) in pairs.iter().zip(&grids) {
             let score_expected = pair.target.len() as f32;
-            let prediction = Prediction { map_from_robot: Pose2::IDENTITY, score_expected, spread: 1.0 };
+            let prediction = Prediction::usual(Pose2::IDENTITY, score_expected);
             divan::black_box(matcher.align(grid, &pair.source, &prediction, &mut rng));
         }
     });

@@ -1,7 +1,9 @@
 //! Where the robot is expected at the next scan, how far from there it may be, and how it moves while the scan is taken.
 
 use super::LaserOdometry;
+use super::course::Forecast;
 use crate::geometry::Pose2;
+use crate::matcher::MatcherConfig;
 use crate::scan::RangeScan;
 use crate::sweep::SweepMotion;
 use crate::time::{Duration, Instant};
@@ -20,6 +22,14 @@ const INTERVAL_MAX_S: f32 = 4.0;
 const INTERVAL_SHARE: f32 = 0.05;
 
 impl LaserOdometry<'_> {
+    /// What is expected of the step to `scan`, whose first `count` points are there.
+    pub(super) fn forecast(&mut self, scan: &RangeScan<'_>, count: usize, odometry: Option<Pose2>) -> Forecast {
+        let steady = self.expected_step(scan, count);
+        let spread = self.spread(scan.stamp);
+        let MatcherConfig { prior_position_m, prior_heading_deg, .. } = self.config.matcher;
+        self.course.forecast(steady, odometry, spread, (prior_position_m, prior_heading_deg.to_radians()))
+    }
+
     /// The last step again, unless the scan agrees clearly better with a step in proportion to the time that has passed.
     ///
     /// Scans come at a steady rate while their stamps may be wrong (logs written in bursts), or scans are missing and the stamps
@@ -29,16 +39,16 @@ impl LaserOdometry<'_> {
         let elapsed = self.last_stamp.map_or(0.0, |last| scan.stamp.since(last).as_secs_f32());
         let usual = self.last_interval.as_secs_f32();
         if elapsed <= 0.0 || usual <= 0.0 {
-            return self.velocity;
+            return self.course.step();
         }
         let factor = (elapsed / usual).clamp(STRETCH_MIN, STRETCH_MAX);
-        let Pose2 { x, y, heading } = self.velocity;
+        let Pose2 { x, y, heading } = self.course.step();
         let in_proportion = Pose2::new(factor * x, factor * y, factor * heading);
         let score = |step| self.ndt.search_score(points, self.map_from_robot * step, 0.0);
-        if score(in_proportion) > score(self.velocity) + STRETCH_BETTER * count as f32 {
+        if score(in_proportion) > score(self.course.step()) + STRETCH_BETTER * count as f32 {
             in_proportion
         } else {
-            self.velocity
+            self.course.step()
         }
     }
 
@@ -65,7 +75,7 @@ impl LaserOdometry<'_> {
         };
         let (displacement, taken) = match displacement {
             Some(displacement) => (displacement, scan.stamp.since(last)),
-            None => (self.velocity, self.last_interval),
+            None => (self.course.step(), self.last_interval),
         };
         SweepMotion { displacement, duration: taken.max(Duration::from_micros(sweep)) }
     }

@@ -18,12 +18,13 @@ pub(super) struct Prior {
 
 impl Prior {
     pub(super) fn new(config: &MatcherConfig, prediction: &Prediction) -> Self {
-        let times = prediction.spread;
-        let inverse_square = |sigma: f32| if sigma > 0.0 { 1.0 / (times * times * sigma * sigma) } else { 0.0 };
+        let times = &prediction.prior;
+        let inverse_square =
+            |times: f32, sigma: f32| if sigma > 0.0 { 1.0 / (times * times * sigma * sigma) } else { 0.0 };
         Self {
             predicted: prediction.map_from_robot,
-            position: inverse_square(config.prior_position_m),
-            heading: inverse_square(config.prior_heading_deg.to_radians()),
+            position: inverse_square(times.position, config.prior_position_m),
+            heading: inverse_square(times.heading, config.prior_heading_deg.to_radians()),
         }
     }
 

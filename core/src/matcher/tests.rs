@@ -53,7 +53,7 @@ fn matching<T>(
     ndt.insert(&points(world, Pose2::IDENTITY, 0.0, range_max_m, &mut rng), Pose2::IDENTITY);
     let source = points(world, at, 0.1, range_max_m, &mut rng);
     let mut matcher = ScanMatcher::new(&SearchConfig::default(), &DeConfig::default(), config, &mut population);
-    let prediction = Prediction { map_from_robot: Pose2::IDENTITY, score_expected: source.len() as f32, spread: 1.0 };
+    let prediction = Prediction::usual(Pose2::IDENTITY, source.len() as f32);
     find(&mut matcher, &ndt, &source, &prediction, &mut rng)
 }
 
@@ -157,7 +157,7 @@ fn nothing_seen_stays_at_the_prediction() {
     let ndt = NdtGrid::new(&NDT, &mut directory, &mut tiles).unwrap();
     let mut matcher =
         ScanMatcher::new(&SearchConfig::default(), &DeConfig::default(), &MatcherConfig::default(), &mut population);
-    let prediction = Prediction { map_from_robot: Pose2::new(1.0, 2.0, 3.0), score_expected: 0.0, spread: 1.0 };
+    let prediction = Prediction::usual(Pose2::new(1.0, 2.0, 3.0), 0.0);
     let found = matcher.align(&ndt, &[], &prediction, &mut Pcg32::seed_from_u64(0));
     assert_eq!(found.score, 0.0);
     assert!((found.map_from_robot.x - 1.0).abs() < 1e-3 && (found.map_from_robot.heading - 3.0).abs() < 1e-3);
@@ -178,8 +178,7 @@ fn normalised_errors(cell_size_m: f32, noise_m: f32, config: &MatcherConfig) -> 
         ndt.insert(&points_with(&world, start, 0.0, (8.0, noise_m), &mut rng), Pose2::IDENTITY);
         let source = points_with(&world, start * truth, 0.1, (8.0, noise_m), &mut rng);
         let mut matcher = ScanMatcher::new(&SearchConfig::default(), &DeConfig::default(), config, &mut population);
-        let prediction =
-            Prediction { map_from_robot: Pose2::IDENTITY, score_expected: source.len() as f32, spread: 1.0 };
+        let prediction = Prediction::usual(Pose2::IDENTITY, source.len() as f32);
         let matched = matcher.align(&ndt, &source, &prediction, &mut rng);
         let Pose2 { x, y, heading } = matched.map_from_robot;
         let off = Vector3::new(x - truth.x, y - truth.y, wrap_angle(heading - truth.heading));

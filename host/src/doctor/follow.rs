@@ -168,8 +168,7 @@ fn is_mirrored(config: &LaserOdometryConfig, before: &LogScan, now: &LogScan) ->
     let score = |points: &[Point2]| {
         let mut population = vec![lrfslam_core::de::Member::EMPTY; size];
         let mut matcher = ScanMatcher::new(&config.search, &config.de, &config.matcher, &mut population);
-        let prediction =
-            Prediction { map_from_robot: Pose2::IDENTITY, score_expected: points.len() as f32, spread: 1.0 };
+        let prediction = Prediction::usual(Pose2::IDENTITY, points.len() as f32);
         let mut rng = RandomStream::new(1, 0, 0);
         matcher.align_anywhere(&grid, points, &prediction, &config.recovery, &mut rng).score_per_point
     };

@@ -180,7 +180,7 @@ impl Closer {
         let matcher = MatcherConfig { prior_position_m: 0.0, prior_heading_deg: 0.0, ..MatcherConfig::default() };
         let mut none: [Member<3>; 0] = [];
         let matcher = ScanMatcher::new(&SearchConfig::default(), &DeConfig::default(), &matcher, &mut none);
-        let prediction = Prediction { map_from_robot: coarse, score_expected: 0.0, spread: 1.0 };
+        let prediction = Prediction::usual(coarse, 0.0);
         let pose = matcher.align_locally(&ndt, query.points(), &prediction);
         let [xx, xy, yy] = ndt.constraint(query.points(), pose);
         let spread = (0.5 * (xx - yy)).hypot(xy);

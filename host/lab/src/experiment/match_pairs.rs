@@ -163,7 +163,7 @@ impl Bench {
         ndt.insert(&reference, Pose2::IDENTITY);
         // A of eq. (4.43), from a scan filtered as the one that is matched.
         let own = ndt.score(&points_of(target, self.run.slam.filter.radius_m, &self.run), Pose2::IDENTITY);
-        let prediction = Prediction { map_from_robot: truth * offset.inverse(), score_expected: own, spread: 1.0 };
+        let prediction = Prediction::usual(truth * offset.inverse(), own);
         let seed = u64::from(rng.next_u32());
         let determined = is_determined(&ndt, &points, truth);
         self.judged += 1;

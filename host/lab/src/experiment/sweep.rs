@@ -333,7 +333,7 @@ impl Bench {
         // A of eq. (4.43), from a scan filtered as the one that is matched.
         let score_expected = ndt.score(&points_of(target, run.slam.filter.radius_m, run), Pose2::IDENTITY);
         let points = points_of(source, run.slam.filter.radius_m, run);
-        let prediction = Prediction { map_from_robot: centre, score_expected, spread: 1.0 };
+        let prediction = Prediction::usual(centre, score_expected);
         let contender = if trial.method == Method::Thesis { Contender::Evolution } else { Contender::Polished };
         align(contender, &run.slam, &ndt, &points, &prediction, &mut self.population, seed).pose
     }

@@ -1,0 +1,219 @@
+//! The robot's course: its step from scan to scan, and which prediction of the next one has agreed best with the matches so far.
+//!
+//! The last step again, or the robot's odometry: what was nearer to the matches so far predicts, position and heading each for
+//! themselves. So odometry that is good helps, and what is frozen, flipped, slipping or of another clock is left out.
+
+use crate::geometry::{Point2, Pose2};
+use crate::matcher::{Match, PriorSpread};
+
+/// Predictions are remembered for about so many matches. Chosen.
+const MEMORY: f32 = 50.0;
+/// The first of them count as if there had been so many before. Chosen.
+const FIRST_COUNT: f32 = 4.0;
+/// Before, predictions are taken to be off by this, m …
+const FIRST_M: f32 = 0.02;
+/// … and rad. Chosen.
+const FIRST_RAD: f32 = 0.02;
+/// A prediction that is wrong by more than this says no more, m …
+const ERROR_MAX_M: f32 = 1.0;
+/// … and rad.
+const ERROR_MAX_RAD: f32 = 0.5;
+/// Predictions are judged by matches with at least this constraint. Chosen.
+const JUDGED_FROM: f32 = 0.1;
+/// The prior is so many times as wide as odometry has been off …
+const CAUTION: f32 = 3.0;
+/// … and at least this share of the configured one. Chosen.
+const PRIOR_MIN: f32 = 0.2;
+/// After a step that turns more than this, rad, the robot is expected to stand.
+const STEADY_RAD: f32 = 0.5;
+
+/// How far predictions have been off, mean squares: m², rad².
+#[derive(Debug, Clone, Copy)]
+struct Errors {
+    position: f32,
+    heading: f32,
+}
+
+impl Errors {
+    const FIRST: Self = Self { position: FIRST_M * FIRST_M, heading: FIRST_RAD * FIRST_RAD };
+
+    fn learn(&mut self, predicted: Pose2, matched: Pose2, share: f32) {
+        let off = predicted.between(matched);
+        let (position, heading) = (off.position().norm().min(ERROR_MAX_M), off.heading.abs().min(ERROR_MAX_RAD));
+        self.position += share * (position * position - self.position);
+        self.heading += share * (heading * heading - self.heading);
+    }
+}
+
+/// What is expected of the next step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Forecast {
+    /// In the robot's frame.
+    pub(super) step: Pose2,
+    /// So many times as far as usual the robot may depart from it.
+    pub(super) spread: f32,
+    /// How wide the prior is.
+    pub(super) prior: PriorSpread,
+    /// The same step again, perhaps stretched.
+    steady: Pose2,
+    odometry: Option<Pose2>,
+}
+
+/// See the [module](self).
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Course {
+    /// The last step, in the frame of the robot before it.
+    step: Pose2,
+    /// Scans in a row that left an axis undetermined.
+    silent: u16,
+    steady: Errors,
+    odometry: Errors,
+    /// Matches learned from, up to [`MEMORY`].
+    learned: f32,
+}
+
+impl Default for Course {
+    fn default() -> Self {
+        Self { step: Pose2::IDENTITY, silent: 0, steady: Errors::FIRST, odometry: Errors::FIRST, learned: FIRST_COUNT }
+    }
+}
+
+impl Course {
+    /// The last step.
+    pub(super) fn step(&self) -> Pose2 {
+        self.step
+    }
+
+    /// Nothing is known of the motion any more.
+    pub(super) fn rest(&mut self) {
+        (self.step, self.silent) = (Pose2::IDENTITY, 0);
+    }
+
+    /// `odometry`, if it has agreed better with the matches so far than steady motion: where scans say nothing, the robot goes on by it.
+    pub(super) fn trusted(&self, odometry: Option<Pose2>) -> Option<Pose2> {
+        odometry
+            .filter(|_| self.odometry.position <= self.steady.position && self.odometry.heading <= self.steady.heading)
+    }
+
+    /// What to expect.
+    ///
+    /// * `steady` — the last step again, perhaps stretched
+    /// * `odometry` — displacement since the last scan, if there is any
+    /// * `spread` — so many times as far as usual the robot may depart from a steady motion
+    /// * `prior_m`, `prior_rad` — how far that is usually; 0: no prior
+    pub(super) fn forecast(
+        &self,
+        steady: Pose2,
+        odometry: Option<Pose2>,
+        spread: f32,
+        (prior_m, prior_rad): (f32, f32),
+    ) -> Forecast {
+        let mut step = steady;
+        let mut prior = PriorSpread { position: spread, heading: spread };
+        if let Some(told) = odometry {
+            let width = |square: f32, usual: f32| {
+                (CAUTION * libm::sqrtf(square) / usual.max(f32::MIN_POSITIVE)).clamp(PRIOR_MIN, spread)
+            };
+            if self.odometry.position <= self.steady.position {
+                step = Pose2 { heading: step.heading, ..told };
+                prior.position = width(self.odometry.position, prior_m);
+            }
+            if self.odometry.heading <= self.steady.heading {
+                step.heading = told.heading;
+                prior.heading = width(self.odometry.heading, prior_rad);
+            }
+        }
+        Forecast { step, spread, prior, steady, odometry }
+    }
+
+    /// The robot has gone on by `step`, as `matched` says.
+    ///
+    /// After scans that left an axis undetermined the first that does not corrects the place as well: what it departs from the forecast
+    /// by is the error of all their steps together, and the last one's share of it is motion.
+    pub(super) fn advance(&mut self, forecast: &Forecast, step: Pose2, matched: &Match) {
+        if matched.constraint >= JUDGED_FROM {
+            self.learned = (self.learned + 1.0).min(MEMORY);
+            let share = 1.0 / self.learned;
+            self.steady.learn(forecast.steady, step, share);
+            if let Some(odometry) = forecast.odometry {
+                self.odometry.learn(odometry, step, share);
+            }
+        }
+        if step.heading.abs() > STEADY_RAD {
+            return self.rest();
+        }
+        let of_all = 1.0 / (1.0 + f32::from(self.silent));
+        let expected = forecast.step.position();
+        let off = step.position() - expected;
+        let Point2 { x, y } = expected + off * of_all;
+        let is_silent = matched.undetermined.is_some();
+        self.step = if is_silent || self.silent == 0 { step } else { Pose2 { x, y, ..step } };
+        self.silent = if is_silent { self.silent.saturating_add(1) } else { 0 };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const USUAL: (f32, f32) = (0.15, 0.17);
+
+    fn sharp(is_silent: bool) -> Match {
+        let constraint = if is_silent { 0.0 } else { 0.4 };
+        Match { constraint, undetermined: is_silent.then_some(Point2::new(1.0, 0.0)), ..Match::none(Pose2::IDENTITY) }
+    }
+
+    /// A robot that drives, stands and turns; what its odometry says of each step.
+    fn told(says: impl Fn(usize, Pose2) -> Pose2) -> (Course, Forecast) {
+        let mut course = Course::default();
+        let mut forecast = course.forecast(Pose2::IDENTITY, None, 1.0, USUAL);
+        for k in 0..200 {
+            let step = match k / 10 % 3 {
+                0 => Pose2::new(0.1, 0.0, 0.0),
+                1 => Pose2::IDENTITY,
+                _ => Pose2::new(0.02, 0.0, 0.1),
+            };
+            forecast = course.forecast(course.step(), Some(says(k, step)), 1.0, USUAL);
+            course.advance(&forecast, step, &sharp(false));
+        }
+        (course, forecast)
+    }
+
+    #[test]
+    fn good_odometry_predicts_and_narrows_the_prior() {
+        let (course, forecast) = told(|_, step| Pose2::new(1.03 * step.x, step.y, 0.97 * step.heading));
+        assert!(course.trusted(Some(Pose2::IDENTITY)).is_some());
+        assert!(forecast.prior.position < 0.5 && forecast.prior.heading < 0.5, "{:?}", forecast.prior);
+    }
+
+    #[test]
+    fn frozen_flipped_late_and_wild_odometry_is_left_out() {
+        let wild =
+            |k: usize, step: Pose2| Pose2::new(step.x + if k % 5 == 0 { 0.5 } else { 0.0 }, step.y, step.heading);
+        let says: [&dyn Fn(usize, Pose2) -> Pose2; 3] =
+            [&|_, _| Pose2::IDENTITY, &|_, step| Pose2::new(-step.x, step.y, -step.heading), &wild];
+        for (index, says) in says.iter().enumerate() {
+            let (course, forecast) = told(says);
+            assert!(course.trusted(Some(Pose2::IDENTITY)).is_none(), "case {index}");
+            assert!((forecast.prior.position - 1.0).abs() < 1e-6, "the prior is as wide as without: case {index}");
+        }
+    }
+
+    #[test]
+    fn a_place_corrected_after_silence_is_no_motion_backwards() {
+        let mut course = Course::default();
+        let mut go = |step: Pose2, is_silent: bool| {
+            let forecast = course.forecast(course.step(), None, 1.0, USUAL);
+            course.advance(&forecast, step, &sharp(is_silent));
+            course.step().x
+        };
+        assert!((go(Pose2::new(0.1, 0.0, 0.0), false) - 0.1).abs() < 1e-6);
+        // The robot stops where nothing tells; the path goes on for four scans, and is 0.4 m too far, and 0.1 m more is expected.
+        for _ in 0..4 {
+            go(Pose2::new(0.1, 0.0, 0.0), true);
+        }
+        let after = go(Pose2::new(-0.4, 0.0, 0.0), false);
+        assert!(after.abs() < 1e-6, "it stands, and does not drive backwards by {after} m");
+        assert!((go(Pose2::new(0.05, 0.0, 0.0), false) - 0.05).abs() < 1e-6, "then steps are what is matched");
+    }
+}
