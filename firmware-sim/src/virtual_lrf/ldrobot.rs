@@ -106,7 +106,11 @@ mod tests {
             .map(|emission| Packet::parse(&emission.bytes.try_into().unwrap()).unwrap())
             .collect();
         assert_eq!(packets.len(), 375);
-        assert!(packets.windows(2).all(|pair| (pair[1].start_cdeg + 36_000 - pair[0].end_cdeg) % 36_000 == 80));
+        assert!(
+            packets
+                .windows(2)
+                .all(|pair| (i32::from(pair[1].start_cdeg) - i32::from(pair[0].end_cdeg)).rem_euclid(36_000) == 80)
+        );
         let wraps = packets.windows(2).filter(|pair| pair[1].start_cdeg < pair[0].start_cdeg).count();
         assert!(wraps == 9 || wraps == 10, "{wraps}");
         assert_eq!(packets[374].stamp_ms, 999);

@@ -1,6 +1,6 @@
 //! A foreign driver reads the simulated lasers: MRPT's `rawlog-grabber` (Debian: `apt install mrpt-apps`), where it is installed.
 //!
-//! Ten minutes: `cargo test --release -p lrfslam-tests --test live mrpt -- --ignored --nocapture`; `LRFSLAM_MRPT_SECONDS=20` for less.
+//! Ten minutes: `cargo test -p lrfslam-tests --test live mrpt -- --ignored --nocapture`; `LRFSLAM_MRPT_SECONDS=20` for less.
 
 use std::fs::File;
 use std::io::Write as _;
@@ -97,7 +97,7 @@ fn rate(laser: Laser, seconds: u64, folder: &Path) -> f64 {
 }
 
 #[test]
-#[ignore = "ten minutes; run in release with --ignored"]
+#[ignore = "ten minutes; run with --ignored"]
 fn mrpt_reads_every_laser_at_its_rate() {
     if !is_installed() {
         println!("skipped: rawlog-grabber is not installed (Debian: apt install mrpt-apps)");
