@@ -12,9 +12,12 @@ use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lrfslam_core::time::Instant;
 use lrfslam_firmware_sim::fault::FaultPlan;
+use lrfslam_firmware_sim::lrf_model::LrfErrors;
 use lrfslam_firmware_sim::pty;
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::HokuyoModel;
+use lrfslam_firmware_sim::virtual_lrf::ldrobot::VirtualLd06;
+use lrfslam_firmware_sim::virtual_lrf::rplidar::{RplidarModel, VirtualRplidar};
 use lrfslam_firmware_sim::virtual_lrf::sick::SickModel;
 use lrfslam_firmware_sim::virtual_lrf::{SensorModel, VirtualLrf};
 use lrfslam_lrf::sick_lms::Variant;
@@ -78,27 +81,55 @@ enum Model {
     Lms200,
     #[value(name = "lms200-3016")]
     Lms200Far,
+    /// An LMS200 of old firmware, whose configuration has 32 bytes
+    #[value(name = "lms200-old")]
+    Lms200Old,
     #[value(name = "lms291")]
     Lms291,
     #[value(name = "urg-04lx")]
     Urg04lx,
+    /// The URG-04LX by its USB port: it wakes in SCIP 1.1, at the speed of USB
+    #[value(name = "urg-04lx-usb")]
+    Urg04lxUsb,
     #[value(name = "urg-04lx-ug01")]
     Urg04lxUg01,
     #[value(name = "utm-30lx")]
     Utm30lx,
+    #[value(name = "rplidar-a2")]
+    RplidarA2,
+    #[value(name = "rplidar-c1")]
+    RplidarC1,
+    /// An RPLIDAR A1 of old firmware, which has no scans with check sums
+    #[value(name = "rplidar-a1-old")]
+    RplidarA1Old,
+    #[value(name = "ld06")]
+    Ld06,
+}
+
+/// What a model is on the wire.
+enum Sensor {
+    Known(SensorModel),
+    Rplidar(RplidarModel),
+    Ld06,
 }
 
 impl Model {
     /// What the sensor is on the wire.
-    fn sensor(self) -> SensorModel {
-        match self {
+    fn sensor(self) -> Sensor {
+        Sensor::Known(match self {
+            Self::RplidarA2 => return Sensor::Rplidar(RplidarModel::a2()),
+            Self::RplidarC1 => return Sensor::Rplidar(RplidarModel::c1()),
+            Self::RplidarA1Old => return Sensor::Rplidar(RplidarModel::a1_old()),
+            Self::Ld06 => return Sensor::Ld06,
             Self::Lms200 => SensorModel::Sick(SickModel::lms200()),
             Self::Lms200Far => SensorModel::Sick(SickModel::lms200_3016()),
+            Self::Lms200Old => SensorModel::Sick(SickModel::lms200().with_old_firmware()),
             Self::Lms291 => SensorModel::Sick(SickModel::lms291()),
             Self::Urg04lx => SensorModel::Hokuyo(HokuyoModel::urg_04lx()),
+            Self::Urg04lxUsb => SensorModel::Hokuyo(HokuyoModel::urg_04lx_usb()),
             Self::Urg04lxUg01 => SensorModel::Hokuyo(HokuyoModel::urg_04lx_ug01()),
             Self::Utm30lx => SensorModel::Hokuyo(HokuyoModel::utm_30lx()),
-        }
+        })
     }
 }
 
@@ -155,8 +186,51 @@ fn serve(arguments: &ServeArgs) -> Result<()> {
 fn build(arguments: &ServeArgs) -> Result<Box<dyn VirtualLrf>> {
     let scene = Box::new(Scenario::load(&arguments.world)?.scene());
     let model = match (arguments.lrf.sensor(), arguments.variant) {
-        (SensorModel::Sick(model), Some(variant)) => SensorModel::Sick(model.with_variant(variant)),
-        (model, _) => model,
+        (Sensor::Known(SensorModel::Sick(model)), Some(variant)) => SensorModel::Sick(model.with_variant(variant)),
+        (Sensor::Known(model), _) => model,
+        (Sensor::Rplidar(model), _) => return Ok(Box::new(VirtualRplidar::new(model, scene, arguments.seed))),
+        (Sensor::Ld06, _) => {
+            let errors = LrfErrors { lost: 0.01, ..LrfErrors::gaussian(0.01) };
+            return Ok(Box::new(VirtualLd06::new(errors, scene, arguments.seed)));
+        }
     };
     Ok(model.seeing(scene, arguments.seed, arguments.baud))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the laser of these arguments answers, within two seconds.
+    fn answer(lrf: &str, request: &[u8]) -> Vec<u8> {
+        let arguments = Arguments::parse_from(["lrf-sim", "--lrf", lrf, "--link", "/tmp/laser"]);
+        let mut device = build(&arguments.serve.unwrap()).unwrap();
+        device.receive(Instant::from_micros(1_000_000), request);
+        device.timeout(Instant::from_micros(3_000_000));
+        std::iter::from_fn(|| device.poll()).flat_map(|emission| emission.bytes).collect()
+    }
+
+    #[test]
+    fn every_laser_can_be_served() {
+        for model in Model::value_variants() {
+            let name = model.to_possible_value().unwrap().get_name().to_owned();
+            let request: &[u8] = match &name[..3] {
+                "lms" => &[0x02, 0, 1, 0, 0x31, 0x15, 0x12],
+                "rpl" => &[0xA5, 0x50],
+                _ => b"VV\n",
+            };
+            assert!(!answer(&name, request).is_empty(), "{name}");
+        }
+    }
+
+    #[test]
+    fn old_firmware_has_a_configuration_of_32_bytes() {
+        let get_config = [0x02, 0, 1, 0, 0x74, 0x50, 0x12];
+        assert_eq!((answer("lms200-old", &get_config).len(), answer("lms200", &get_config).len()), (1 + 40, 1 + 42));
+    }
+
+    #[test]
+    fn urg_on_usb_wakes_in_scip1() {
+        assert_eq!(answer("urg-04lx-usb", b"QT\n"), b"QT\nE\n\n");
+    }
 }

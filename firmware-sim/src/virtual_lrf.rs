@@ -4,7 +4,9 @@
 //! says. They know nothing of terminals or sockets; [`Cable`](crate::cable::Cable) carries their bytes at the pace of the line.
 
 pub mod hokuyo;
+pub mod ldrobot;
 pub mod recording;
+pub mod rplidar;
 mod sensor_model;
 pub mod sick;
 

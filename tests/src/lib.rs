@@ -9,5 +9,6 @@ pub mod mcu;
 pub mod oracle;
 pub mod rig;
 pub mod robot_rig;
+pub mod scenes;
 
 pub use rig::{Rig, RigReport};

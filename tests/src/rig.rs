@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use lrfslam_core::scan::RangeScan;
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::cable::{Cable, resample};
 use lrfslam_firmware_sim::fault::{FaultLink, FaultPlan};
@@ -15,6 +16,8 @@ const REMEMBERED: usize = 64;
 
 /// Reads the scan in a device's write.
 pub type Oracle = fn(&[u8]) -> Option<Vec<Seen>>;
+/// Says whether a published scan is of what is there.
+pub type Judge = fn(&RangeScan<'_>) -> bool;
 
 /// What happened so far.
 #[derive(Debug, Clone, Default)]
@@ -58,6 +61,7 @@ pub struct Rig<'d> {
     driver: Box<dyn LrfDriver + 'd>,
     device: Box<dyn VirtualLrf>,
     oracle: Oracle,
+    judge: Option<Judge>,
     plan: FaultPlan,
     cable: Cable,
     to_host: FaultLink,
@@ -83,6 +87,7 @@ impl<'d> Rig<'d> {
             driver,
             device,
             oracle,
+            judge: None,
             plan: FaultPlan::default(),
             cable: Cable::default(),
             to_host: FaultLink::new(0.0, 0),
@@ -104,6 +109,12 @@ impl<'d> Rig<'d> {
         self.plan = plan;
         self.to_host = FaultLink::new(plan.damage, seed);
         self.to_device = FaultLink::new(plan.damage, seed ^ 0x5EED);
+        self
+    }
+
+    /// The same for a laser that spins, whose turns are in no one write: `judge` says which are right.
+    pub fn judged_by(mut self, judge: Judge) -> Self {
+        self.judge = Some(judge);
         self
     }
 
@@ -239,7 +250,8 @@ impl<'d> Rig<'d> {
 
     fn give(&mut self, input: Input<'_>) {
         let mut outputs = Vec::new();
-        let mut sink = |output: Output<'_>| outputs.push(Owned::from(output));
+        let judge = self.judge;
+        let mut sink = |output: Output<'_>| outputs.push(Owned::new(output, judge));
         self.deadline = run_input(self.driver.as_mut(), self.now, input, &mut sink);
         outputs.into_iter().for_each(|output| self.act(output));
     }
@@ -253,8 +265,8 @@ impl<'d> Rig<'d> {
                 }
             }
             Owned::SetBaud(rate) => self.host_baud = rate,
-            Owned::Scan(stamp, scan) => {
-                match self.remembered.contains(&scan) {
+            Owned::Scan(stamp, scan, judged) => {
+                match judged.unwrap_or_else(|| self.remembered.contains(&scan)) {
                     true => self.report.published += 1,
                     false => self.report.damaged += 1,
                 }
@@ -274,16 +286,19 @@ impl<'d> Rig<'d> {
 enum Owned {
     Transmit(Vec<u8>),
     SetBaud(u32),
-    Scan(Instant, Vec<Seen>),
+    /// Stamp, beams, and whether they are right, if that is judged.
+    Scan(Instant, Vec<Seen>, Option<bool>),
     Said(String),
 }
 
-impl From<Output<'_>> for Owned {
-    fn from(output: Output<'_>) -> Self {
+impl Owned {
+    fn new(output: Output<'_>, judge: Option<Judge>) -> Self {
         match output {
             Output::Transmit(bytes) => Owned::Transmit(bytes.to_vec()),
             Output::SetBaud(rate) => Owned::SetBaud(rate),
-            Output::Event(Event::Scan(scan)) => Owned::Scan(scan.stamp, published(&scan)),
+            Output::Event(Event::Scan(scan)) => {
+                Owned::Scan(scan.stamp, published(&scan), judge.map(|judge| judge(&scan)))
+            }
             Output::Event(Event::Trouble(trouble)) => Owned::Said(trouble.to_string()),
             Output::Event(event) => Owned::Said(format!("{event:?}")),
             Output::Timeout(_) => Owned::Said("timeout among outputs".to_owned()),

@@ -106,10 +106,14 @@ impl ClockOffset {
     /// A scan stamped `stamp_ms` began to arrive at `arrived`, or would have `transit` earlier if nothing took time: its stamp on
     /// the host's clock.
     ///
-    /// * `transit` — the shortest time from stamp to first byte, used only while there is no exchange
+    /// * `transit` — the shortest time from stamp to first byte, used only where there is no exchange: the first scans may be read late
     pub fn stamp(&mut self, arrived: Instant, stamp_ms: i64, transit: Duration) -> Instant {
         let delay = arrived.micros - stamp_ms * 1000;
-        let offset = *self.offset_us.get_or_insert(delay - transit.micros);
+        if self.samples.is_empty() && self.reference.is_none() {
+            let least = self.offset_us.map_or(delay, |offset| (offset + transit.micros).min(delay));
+            self.offset_us = Some(least - transit.micros);
+        }
+        let offset = self.offset_us.unwrap_or(delay - transit.micros);
         self.window = Some(self.window.map_or(delay, |smallest| smallest.min(delay)));
         self.in_window += 1;
         if self.in_window >= WINDOW {

@@ -40,6 +40,8 @@ pub(super) struct DialogueBase<Ask> {
     pub(super) baud: u32,
     pub(super) last_good_baud: u32,
     pub(super) raise_failures: u8,
+    /// To be stopped once what was asked is answered.
+    pub(super) stop_wanted: bool,
 }
 
 impl<Ask: Copy + PartialEq> DialogueBase<Ask> {
@@ -58,9 +60,9 @@ impl<Ask: Copy + PartialEq> DialogueBase<Ask> {
         })
     }
 
-    /// Counters, with `damaged` that the decoder has found.
-    pub(super) fn counters(&self, damaged: u32) -> Counters {
-        Counters { damaged: self.counters.damaged.saturating_add(damaged), ..self.counters }
+    /// Counters, with `damaged` that the decoder has found, and turns that are `incomplete`.
+    pub(super) fn counters(&self, damaged: u32, incomplete: u32) -> Counters {
+        Counters { damaged: self.counters.damaged.saturating_add(damaged), incomplete, ..self.counters }
     }
 
     /// Sets the port to the rate whose turn it is, if the link has rates.
@@ -77,9 +79,15 @@ impl<Ask: Copy + PartialEq> DialogueBase<Ask> {
         self.outbox.push(Pending::Found(self.baud));
     }
 
-    /// True if the rate is to be changed, and that has not failed too often.
-    pub(super) fn wants_raise(&self, policy: BaudPolicy) -> bool {
-        policy.wants_change(self.baud) && self.raise_failures < 2
+    /// True if the rate is to be changed, and that has not failed too often; a rate that is not among `all` is told, once.
+    pub(super) fn wants_raise(&mut self, policy: BaudPolicy, all: &[u32]) -> bool {
+        let is_wanted = policy.wants_change(self.baud) && self.raise_failures < 2;
+        let exists = all.contains(&policy.wanted());
+        if is_wanted && !exists {
+            self.raise_failures = u8::MAX;
+            self.warn(Step::RaiseBaud, Cause::NoSuchRate(policy.wanted()), "");
+        }
+        is_wanted && exists
     }
 
     /// The sensor goes to another rate: so does the port, then both sides settle before `verify` is asked.
@@ -165,6 +173,7 @@ impl<Ask: Copy + PartialEq> DialogueBase<Ask> {
 
     /// It has stopped: waits for nothing.
     pub(super) fn stopped(&mut self, laser_off: bool) {
+        self.stop_wanted = false;
         self.outbox.push(Pending::Stopped(laser_off));
         self.rest();
     }

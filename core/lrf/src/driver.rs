@@ -55,7 +55,7 @@ pub enum Event<'a> {
     Streaming {
         /// Rate, bit/s (0 on links without one).
         baud: u32,
-        /// From one scan to the next if the line is fast enough.
+        /// From one scan to the next if the line is fast enough; zero if the sensor does not say.
         period: Duration,
     },
     /// A scan, whole and verified.
@@ -86,7 +86,7 @@ pub struct Identity {
     pub angle_max_rad: f32,
     /// Beams of a full scan; 0 if that varies.
     pub beams: u16,
-    /// From one turn of the mirror to the next.
+    /// From one turn of the mirror to the next; zero if the sensor does not say.
     pub turn: Duration,
     /// Ranges from here on are misses, m.
     pub range_max_m: f32,
@@ -114,11 +114,12 @@ impl BaudPolicy {
         }
     }
 
-    /// The rates to look at: the `last_good` one, the wanted one, then `all`; none on a link without rates.
+    /// The rates to look at: the `last_good` one, the wanted one if the sensor may have it, then `all`; none on a link without rates.
     pub(super) fn rates(self, last_good: u32, all: &[u32]) -> BaudRates {
+        let wanted = Some(self.wanted()).filter(|wanted| all.contains(wanted));
         match self {
             BaudPolicy::NoRate => BaudRates::default(),
-            policy => BaudRates::new([last_good, policy.wanted()].into_iter().chain(all.iter().copied())),
+            _ => BaudRates::new([last_good].into_iter().chain(wanted).chain(all.iter().copied())),
         }
     }
 
@@ -141,6 +142,9 @@ pub struct Counters {
     pub damaged: u32,
     /// Sessions begun anew after trouble.
     pub restarts: u32,
+    /// Turns of a laser that spins in which samples were missing: published with beams without a measurement in their place, or, if they were
+    /// too many, not at all.
+    pub incomplete: u32,
 }
 
 /// A driver for one family of laser range finders: see the [module](self) for the contract.

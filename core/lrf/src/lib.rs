@@ -26,6 +26,7 @@
     )
 )]
 
+pub mod beat;
 pub mod clock;
 #[cfg(test)]
 mod desk;

@@ -45,6 +45,11 @@ pub(super) trait Session {
         false
     }
 
+    /// True if nothing may be sent before this is answered: both sides then go to another rate.
+    fn changes_rate(&self, _ask: Self::Ask) -> bool {
+        false
+    }
+
     /// Sends the request of `ask`, and waits for its reply.
     fn send(&mut self, now: Instant, ask: Self::Ask);
 
@@ -57,6 +62,7 @@ pub(super) trait Session {
             Input::Timeout if self.base().patience.is_over(now) => self.on_timeout(now),
             Input::Connected => {
                 self.base().raise_failures = 0;
+                self.base().stop_wanted = false;
                 self.base().back_off.reset();
                 self.find(now);
             }
@@ -76,7 +82,10 @@ pub(super) trait Session {
                     return;
                 }
                 if ask.step() == Step::RaiseBaud {
-                    self.base().raise_failures += 1;
+                    self.base().raise_failures = self.base().raise_failures.saturating_add(1);
+                }
+                if self.base().stop_wanted && ask != Self::Ask::STOP {
+                    return self.ask(now, Self::Ask::STOP);
                 }
                 self.on_no_reply(now, ask);
             }
@@ -85,9 +94,12 @@ pub(super) trait Session {
     }
 
     fn on_stop(&mut self, now: Instant) {
-        match self.base().state {
+        let state = self.base().state;
+        match state {
             State::Idle => self.base().stopped(false),
             State::Asking(ask) if ask == Self::Ask::STOP => {}
+            State::Asking(ask) if self.changes_rate(ask) => self.base().stop_wanted = true,
+            State::Pausing(next) if next.step() == Step::RaiseBaud => self.base().stop_wanted = true,
             _ => self.ask(now, Self::Ask::STOP),
         }
     }
@@ -113,6 +125,7 @@ pub(super) trait Session {
 
     /// Sends the request of `ask` for the first time.
     fn ask(&mut self, now: Instant, ask: Self::Ask) {
+        let ask = if self.base().stop_wanted { Self::Ask::STOP } else { ask };
         self.base().attempts_left = self.attempts(ask);
         self.base().state = State::Asking(ask);
         self.send(now, ask);

@@ -40,8 +40,14 @@ pub enum Cause {
     Reset,
     /// Its clock stands still.
     StuckClock,
-    /// It reports a fault of its own hardware: characters or code of its status.
+    /// It reports a fault of its own hardware: the characters of its status.
     HardwareFault([u8; 2]),
+    /// The same, by a number: the code of its status.
+    FaultCode(u16),
+    /// It does not have this rate, bit/s.
+    NoSuchRate(u32),
+    /// It scans in a way without check sums.
+    Unchecked,
     /// The port was closed: unplugged?
     Unplugged,
 }
@@ -151,6 +157,11 @@ impl fmt::Display for Cause {
             Cause::HardwareFault(status) => {
                 out.write_str("it reports a fault in itself, status ")?;
                 code(status, out)
+            }
+            Cause::FaultCode(code) => write!(out, "it reports a fault in itself, code 0x{code:02X}"),
+            Cause::NoSuchRate(rate) => write!(out, "it does not have {rate} baud; the rate stays as it is"),
+            Cause::Unchecked => {
+                out.write_str("it has only a mode without check sums; damage on the line may go unseen")
             }
             Cause::Unplugged => out.write_str("closed: unplugged?"),
         }

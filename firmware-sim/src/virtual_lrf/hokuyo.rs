@@ -1,10 +1,10 @@
-//! Hokuyo sensors: URG-04LX (SCIP 1.1 at power-up, RS-232) and UTM-30LX (SCIP 2, USB).
+//! Hokuyo sensors: URG-04LX (SCIP 1.1 at power-up, RS-232 or USB), URG-04LX-UG01 and UTM-30LX (SCIP 2, USB).
 //!
 //! Outside time mode commands are answered at the next turn of the mirror, as captured from both models. A scan goes out
 //! when its turn has passed the last step asked for, if the line is free; else that turn is skipped.
 //!
 //! Source: manual C-42-03320B; captures. Chosen where nothing is settled: a short last cluster is dropped; a new streaming
-//! command replaces the running one; `CR` is remembered, but the motor keeps its speed.
+//! command replaces the running one; `SCSP` of a slower motor has words of ours.
 
 mod commands;
 mod scan;
@@ -21,6 +21,8 @@ use crate::scene::Scene;
 
 /// Longest command line that is kept; the rest of a longer one is dropped.
 const MAX_LINE: usize = 64;
+/// Rate of a serial port at power-up, bit/s.
+const POWER_UP_BAUD: u32 = 19_200;
 /// Most commands awaiting their answers.
 const MAX_QUEUE: usize = 16;
 
@@ -32,9 +34,10 @@ pub struct HokuyoModel {
     product: &'static str,
     firmware: &'static str,
     serial: &'static str,
-    motor: &'static str,
-    /// Power-up rate; `None` for USB.
+    /// Power-up rate of the line; `None` for USB.
     baud: Option<u32>,
+    /// It has a serial port, in use or not: it knows `SS` and `CR`.
+    has_serial_port: bool,
     starts_in_scip1: bool,
     has_intensity: bool,
     boot: Duration,
@@ -49,8 +52,8 @@ impl HokuyoModel {
             product: "SOKUIKI Sensor URG-04LX",
             firmware: "3.1.04(02/Aug./2007)",
             serial: "H0700001",
-            motor: "Initial(600[rpm])<-Default setting by user",
-            baud: Some(19_200),
+            baud: Some(POWER_UP_BAUD),
+            has_serial_port: true,
             starts_in_scip1: true,
             has_intensity: false,
             boot: Duration::from_millis(1500),
@@ -58,7 +61,14 @@ impl HokuyoModel {
         }
     }
 
-    /// The URG-04LX on USB, if its directions are all those of `beams`.
+    /// The same plugged in by its USB port: bytes come as fast as USB is, but it wakes in SCIP 1.1, and says and takes rates.
+    ///
+    /// Source: capture of one.
+    pub fn urg_04lx_usb() -> Self {
+        Self { baud: None, ..Self::urg_04lx() }
+    }
+
+    /// The URG-04LX-UG01, if its directions are all those of `beams`.
     pub fn seeing(beams: &[Beam]) -> Option<Self> {
         let model = Self::urg_04lx_ug01();
         let bearing_deg = |step: u16| f64::from(model.parameters.bearing_rad(f32::from(step)).to_degrees());
@@ -75,6 +85,7 @@ impl HokuyoModel {
             firmware: "3.4.03(17/Dec./2012)",
             serial: "H1200001",
             baud: None,
+            has_serial_port: false,
             starts_in_scip1: false,
             errors: LrfModel::URG_04LX_UG01.errors,
             ..Self::urg_04lx()
@@ -88,8 +99,8 @@ impl HokuyoModel {
             product: "SOKUIKI Sensor TOP-URG UTM-30LX",
             firmware: "P.1.05(17/Apr./2009)",
             serial: "00900001",
-            motor: "Initial(2400[rpm])<-Default setting by user",
             baud: None,
+            has_serial_port: false,
             starts_in_scip1: false,
             has_intensity: true,
             boot: Duration::from_millis(2000),
@@ -139,8 +150,12 @@ pub struct VirtualHokuyo {
     scip1: bool,
     laser_on: bool,
     time_mode: bool,
-    sensitive: bool,
+    /// The rate that it believes in; on USB it means nothing, bit/s.
+    said_baud: u32,
+    /// Steps of 1 % by which the motor is slower.
     motor: u8,
+    /// When turn 0 began.
+    turns_from: Instant,
     reboot_asked_at: Option<Instant>,
 
     incoming: Vec<u8>,
@@ -173,8 +188,9 @@ impl VirtualHokuyo {
             scip1: false,
             laser_on: false,
             time_mode: false,
-            sensitive: false,
+            said_baud: POWER_UP_BAUD,
             motor: 0,
+            turns_from: Instant::default(),
             reboot_asked_at: None,
             incoming: Vec::new(),
             queue: Vec::new(),
@@ -195,6 +211,7 @@ impl VirtualHokuyo {
     /// Sets the rate as another host may have left it; nothing on USB.
     pub fn set_baud(&mut self, baud: u32) {
         self.line = Line::new(self.model.baud.map(|_| baud));
+        self.said_baud = baud;
     }
 
     fn clock_ms(&self, now: Instant) -> u32 {
@@ -203,11 +220,26 @@ impl VirtualHokuyo {
     }
 
     fn turn_start(&self, turn: i64) -> Instant {
-        self.zero + Duration::from_micros(turn * self.model.parameters.turn().micros)
+        self.turns_from + Duration::from_micros(turn * self.turn().micros)
     }
 
     fn turn_at(&self, now: Instant) -> i64 {
-        now.since(self.zero).micros.div_euclid(self.model.parameters.turn().micros)
+        now.since(self.turns_from).micros.div_euclid(self.turn().micros)
+    }
+
+    fn turns_per_minute(&self) -> u32 {
+        u32::from(self.model.parameters.turns_per_minute) * (100 - u32::from(self.motor)) / 100
+    }
+
+    /// One turn of the mirror at the motor's speed.
+    fn turn(&self) -> Duration {
+        Duration::from_micros(60_000_000 / i64::from(self.turns_per_minute().max(1)))
+    }
+
+    /// Time from step 0 to `step`.
+    fn step_time(&self, step: u16) -> Duration {
+        let steps = i64::from(self.model.parameters.steps_per_turn.max(1));
+        Duration::from_micros(self.turn().micros * i64::from(step) / steps)
     }
 
     /// When a command that arrives now is answered: at the next turn; at once in time mode.
@@ -229,19 +261,17 @@ impl VirtualHokuyo {
     /// When the scan of turn `next_turn` is complete, if one is wanted.
     fn scan_due(&self) -> Option<Instant> {
         let stream = self.stream.as_ref()?;
-        Some(
-            self.sight.next_at(self.turn_start(self.next_turn))? + self.model.parameters.step_time(stream.acquire.last),
-        )
+        Some(self.sight.next_at(self.turn_start(self.next_turn))? + self.step_time(stream.acquire.last))
     }
 }
 
 impl VirtualLrf for VirtualHokuyo {
     fn power_on(&mut self, now: Instant) {
         self.ready_at = now + self.model.boot;
-        self.zero = now;
+        (self.zero, self.turns_from, self.said_baud) = (now, now, POWER_UP_BAUD);
         self.scip1 = self.model.starts_in_scip1;
         self.laser_on = self.model.starts_in_scip1;
-        (self.time_mode, self.sensitive, self.motor) = (false, false, 0);
+        (self.time_mode, self.motor) = (false, 0);
         self.incoming.clear();
         self.queue.clear();
         self.stream = None;

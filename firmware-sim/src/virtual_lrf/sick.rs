@@ -1,7 +1,8 @@
 //! SICK LMS200 and LMS291.
 //!
 //! Source: manual, drivers, as cited in `lrfslam_lrf::sick_lms`. Chosen where nothing is settled: half a telegram is dropped after
-//! 150 ms of silence; requests that are not allowed now are answered with 92; no telegram index follows the values.
+//! 150 ms of silence; requests that are not allowed now are answered with 92; no telegram index follows the values; a line too
+//! slow for every mirror turn gets them in the order of their parts; modes that watch segments and fields are taken, and say nothing.
 
 mod requests;
 mod scan;
@@ -37,6 +38,8 @@ pub struct SickModel {
     /// From power-on or reset to the power-on telegram: 15 to 35 s.
     boot: Duration,
     errors: LrfErrors,
+    /// It can stream ranges with reflectivities (mode 50).
+    has_reflectivity_stream: bool,
 }
 
 impl SickModel {
@@ -49,6 +52,7 @@ impl SickModel {
             variant: Variant::DEG_180_BY_HALF,
             boot: Duration::from_millis(15_000),
             errors: LrfModel::LMS200.errors,
+            has_reflectivity_stream: false,
         }
     }
 
@@ -64,7 +68,9 @@ impl SickModel {
         let mut config = ConfigBlock::new(34);
         config.set_unit(Unit::Centimetre);
         let errors = LrfModel::LMS291.errors;
-        Self { type_text: b"LMS291;S05   ;X01.27 ", software: b"X01.27 ", config, errors, ..Self::lms200() }
+        let has_reflectivity_stream = true;
+        let (type_text, software) = (b"LMS291;S05   ;X01.27 ", b"X01.27 ");
+        Self { type_text, software, config, errors, has_reflectivity_stream, ..Self::lms200() }
     }
 
     /// The same with other errors.
@@ -116,6 +122,8 @@ pub struct VirtualSick {
     last_byte_at: Instant,
     /// Groups of mirror turns that were measured, or let pass.
     next_group: i64,
+    /// Which part of a scan comes next where each turn is sent on its own; `None` for any.
+    next_part: Option<i64>,
     /// A single scan is wanted (30 01).
     single: bool,
     telegrams: u8,
@@ -145,6 +153,7 @@ impl VirtualSick {
             incoming: Vec::new(),
             last_byte_at: Instant::default(),
             next_group: 0,
+            next_part: None,
             single: false,
             telegrams: 0,
             model,
@@ -203,7 +212,8 @@ impl VirtualSick {
     }
 
     fn is_streaming(&self) -> bool {
-        !matches!(self.mode, OperatingMode::OnRequest | OperatingMode::Installation(_))
+        use OperatingMode::{Diagnosis, Installation, OnRequest, Watch};
+        !matches!(self.mode, OnRequest | Installation(_) | Diagnosis | Watch(_))
     }
 }
 

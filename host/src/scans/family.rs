@@ -70,6 +70,21 @@ impl LrfFamily {
         }
     }
 
+    /// False if it takes no commands: it turns while it has power.
+    pub fn can_be_stopped(self) -> bool {
+        self != Self::Ld06
+    }
+
+    /// The rates that a laser of this family can have, bit/s; others are refused before anything is sent.
+    pub fn rates(self) -> &'static [u32] {
+        match self {
+            Self::SickLms2xx => &[9_600, 19_200, 38_400, 500_000],
+            Self::Hokuyo => &[19_200, 38_400, 57_600, 115_200, 250_000, 500_000, 750_000],
+            Self::Rplidar => &[115_200, 256_000, 460_800, 1_000_000],
+            Self::Ld06 => &[230_400],
+        }
+    }
+
     /// True if it can be at a link whose rate, if it has one, nobody can change: a SICK is always changed to another.
     pub fn suits_fixed_rate(self) -> bool {
         self != Self::SickLms2xx
@@ -110,5 +125,22 @@ impl LrfOptions {
     /// Everything as the sensor has it, on a serial port.
     pub fn new(family: LrfFamily) -> Self {
         Self { family, baud: 0, has_baud: true, variant: None, whole_scans: false, cluster: 1, latency_us: 0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lrfslam_lrf::{hokuyo_scip, sick_lms};
+
+    #[test]
+    fn rates_are_those_that_the_drivers_look_at() {
+        let sorted = |rates: &[u32]| {
+            let mut rates = rates.to_vec();
+            rates.sort_unstable();
+            rates
+        };
+        assert_eq!(LrfFamily::SickLms2xx.rates(), sorted(&sick_lms::driver::RATES));
+        assert_eq!(LrfFamily::Hokuyo.rates(), sorted(&hokuyo_scip::driver::RATES));
     }
 }

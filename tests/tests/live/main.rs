@@ -2,3 +2,5 @@
 
 mod hil_mcu;
 mod hil_pty;
+mod mrpt;
+mod stamps;

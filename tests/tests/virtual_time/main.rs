@@ -11,4 +11,5 @@ mod one_slam;
 mod recorded_log;
 mod refused_configuration;
 mod small_pools;
+mod spinning_faults;
 mod wire_golden;

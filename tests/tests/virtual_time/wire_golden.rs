@@ -1,6 +1,10 @@
 //! Bytes recorded from real devices, byte for byte, however they are cut.
 
 use lrfslam_core::scan::{Beam, Echo};
+use lrfslam_core::time::{Duration, Instant};
+use lrfslam_firmware_sim::scenario::Scenario;
+use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
+use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_lrf::hokuyo_scip::scan::read_scan;
 use lrfslam_lrf::hokuyo_scip::{Acquire, Command, Reply, ScipDecoder, SensorParameters, Status};
 use lrfslam_lrf::sick_lms::measurement::{Part, ValueFormat};
@@ -189,4 +193,61 @@ fn every_flipped_bit_of_the_recorded_sick_telegram_is_seen() {
             bytes[at] ^= 1 << bit;
         }
     }
+}
+
+/// The lines of a reply that do not depend on which sensor it is, nor on what it sees or when.
+fn of_the_model(reply: &[u8]) -> Vec<String> {
+    let text = String::from_utf8_lossy(reply).into_owned();
+    let is_scan = text.starts_with("GD") || text.starts_with("ME");
+    let own = |line: &&str| !line.starts_with("SERI:") && !line.starts_with("TIME:");
+    let lines = text.lines().filter(own);
+    // Of a scan: what comes before the time stamp, then the lengths of its lines.
+    let line = |(index, line): (usize, &str)| {
+        if is_scan && index >= 2 { line.len().to_string() } else { line.to_owned() }
+    };
+    lines.enumerate().map(line).collect()
+}
+
+/// Asks the virtual sensor what the recorded one was asked, one command after the other.
+fn virtual_session(mut device: VirtualHokuyo, before: &[&str], written: &[u8]) -> Vec<Vec<u8>> {
+    let mut now = Instant::from_micros(1_000_000);
+    let mut replies = Vec::new();
+    for line in before.iter().map(|line| line.as_bytes()).chain(written.split(|byte| *byte == b'\n')) {
+        if line.is_empty() {
+            continue;
+        }
+        device.receive(now, &[line, b"\n"].concat());
+        now = now + Duration::from_millis(400);
+        device.timeout(now);
+        replies.extend(std::iter::from_fn(|| device.poll()).map(|emission| emission.bytes));
+    }
+    replies.iter().skip(before.len()).flat_map(|bytes| frames(bytes, bytes.len())).collect()
+}
+
+/// The recorded sessions begin in SCIP 2, the laser on.
+fn compare_with_recording(name: &str, model: HokuyoModel, before: &[&str]) {
+    let Some(recorded) = session(name) else { return };
+    let Some(written) = data::file(&format!("serial/{name}.logw")) else { return };
+    let scene = Box::new(Scenario::load("room").expect("comes with the program").scene());
+    let mut device = VirtualHokuyo::new(model, scene, 1);
+    device.set_clock(0x6A_0000);
+    let said = virtual_session(device, before, &logged_bytes(&written));
+    assert_eq!(said.len(), recorded.len());
+    for (said, recorded) in said.iter().zip(&recorded) {
+        assert_eq!(of_the_model(said), of_the_model(recorded));
+        let time = |reply: &[u8]| reply.windows(5).position(|window| window == b"TIME:").map(|at| reply[at + 11]);
+        assert_eq!(time(said), time(recorded), "six digits, then a semicolon");
+    }
+}
+
+#[test]
+fn virtual_urg_says_what_the_recorded_one_said() {
+    for model in [HokuyoModel::urg_04lx(), HokuyoModel::urg_04lx_usb()] {
+        compare_with_recording("example_urg_04lx", model, &["SCIP2.0", "BM"]);
+    }
+}
+
+#[test]
+fn virtual_utm_says_what_the_recorded_one_said() {
+    compare_with_recording("example_utm_30lx", HokuyoModel::utm_30lx(), &["BM"]);
 }

@@ -204,6 +204,7 @@ impl Command {
                 b"" => Err(Status::TOO_SHORT),
                 _ => Err(Status::code(1)),
             },
+            b"DB" if arguments.len() < 2 => Err(Status::TOO_SHORT),
             b"DB" => number(arguments).and_then(narrow).map(Command::Malfunction).ok_or(Status::code(1)),
             _ => Err(Status::UNDEFINED),
         }

@@ -198,7 +198,7 @@ impl LrfDriver for HokuyoDriver<'_> {
     }
 
     fn counters(&self) -> Counters {
-        self.dialogue.base.counters(self.decoder.oversize_frames())
+        self.dialogue.base.counters(self.decoder.oversize_frames(), 0)
     }
 }
 

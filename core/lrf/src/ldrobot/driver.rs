@@ -18,8 +18,8 @@ const RANGE_MAX_M: f32 = 12.0;
 const DISTANCE_MIN_MM: u16 = 20;
 /// Packets come every 2.7 ms.
 const SILENCE: Duration = Duration::from_millis(2000);
-/// The sensor counts whole milliseconds; more difference than this from one packet to the next is a lost packet.
-const MAX_STEP_MS: i64 = 6;
+/// Samples are 0.4 to 0.9 degrees apart; a lost packet leaves 4.8 at the slowest speed.
+const HOLE_DEG: f32 = 3.0;
 
 /// What it does instead of asking.
 const LISTENING: State<()> = State::Asking(());
@@ -45,7 +45,7 @@ impl<'a> LdrobotDriver<'a> {
         Self {
             decoder: PacketDecoder::default(),
             base: DialogueBase { rates: BaudRates::new([BAUD]), ..DialogueBase::default() },
-            turns: TurnAssembler::new(beams),
+            turns: TurnAssembler::new(beams, HOLE_DEG),
             latency,
             stamps: StampUnwrapper::new(STAMP_PERIOD_MS),
             offset: ClockOffset::default(),
@@ -76,9 +76,6 @@ impl<'a> LdrobotDriver<'a> {
             }
             let (count, packet) = self.decoder.feed(rest);
             taken += count;
-            if self.base.is_damage_new(self.decoder.damaged()) {
-                self.turns.spoil();
-            }
             if let Some(packet) = packet {
                 self.on_packet(now, &packet);
             }
@@ -94,7 +91,8 @@ impl<'a> LdrobotDriver<'a> {
         };
         if self.base.state != State::Streaming {
             self.begin_streaming(now, packet);
-        } else if !(0..=MAX_STEP_MS).contains(&(stamp_ms - self.last_ms)) {
+        } else if turned_deg(stamp_ms - self.last_ms, packet).is_none_or(|degrees| degrees > 180) {
+            // Nobody knows how often it turned meanwhile. A smaller loss shows as a hole.
             self.turns.spoil();
         }
         self.last_ms = stamp_ms;
@@ -132,6 +130,11 @@ impl<'a> LdrobotDriver<'a> {
         self.base.begin_anew(now, step, cause, "");
         self.listen(now);
     }
+}
+
+/// How far it turns in so many ms, degrees; `None` if they are negative.
+fn turned_deg(ms: i64, packet: &Packet) -> Option<i64> {
+    (ms >= 0).then_some(ms * i64::from(packet.speed_degps) / 1000)
 }
 
 /// Time from one sample to the next: the angle between them at the speed of turning.
@@ -174,7 +177,7 @@ impl LrfDriver for LdrobotDriver<'_> {
     }
 
     fn counters(&self) -> Counters {
-        self.base.counters(self.decoder.damaged())
+        self.base.counters(self.decoder.damaged(), self.turns.incomplete())
     }
 }
 
@@ -183,6 +186,7 @@ mod tests {
     use super::*;
     use crate::driver::{Event, drain, run_bytes};
     use crate::ldrobot::Point;
+    use std::vec::Vec;
 
     /// Packet `index` of a sensor that turns ten times a second: 12 samples by 0.8 degrees.
     fn packet(index: i64) -> [u8; 47] {
@@ -192,40 +196,60 @@ mod tests {
         Packet { speed_degps: 3600, start_cdeg: cdeg(0), points, end_cdeg: cdeg(11), stamp_ms }.emit()
     }
 
-    /// Whole scans of two seconds, with packet `damaged` damaged.
-    fn run(damaged: Option<i64>) -> (u32, u32) {
+    fn run(damaged: Option<i64>) -> (u32, u32, u32, usize) {
+        run_with(|index, bytes| {
+            let mut bytes = bytes.to_vec();
+            bytes[20] ^= if damaged == Some(index) { 4 } else { 0 };
+            bytes
+        })
+    }
+
+    /// Scans of two seconds through a line that does this to each packet; the driver's damaged and incomplete; beams without measurement.
+    fn run_with(mut line: impl FnMut(i64, &[u8]) -> Vec<u8>) -> (u32, u32, u32, usize) {
         let mut beams = [Beam::BLANK; BEAM_MEMORY];
         let mut driver = LdrobotDriver::new(Duration::ZERO, &mut beams);
         let _ = driver.handle_input(Instant::default(), Input::Connected);
         drain(&mut driver, &mut |_| {});
-        let mut scans = 0;
+        let (mut scans, mut invalid) = (0, 0);
         for index in 0..750 {
-            let mut bytes = packet(index);
-            if damaged == Some(index) {
-                bytes[20] ^= 4;
-            }
+            let bytes = line(index, &packet(index));
             let now = Instant::from_micros(index * 12 * 1_000_000 / 4500 + 3000);
             run_bytes(&mut driver, now, &bytes, &mut |output| {
                 if let Output::Event(Event::Scan(scan)) = output {
                     scans += 1;
-                    assert_eq!(scan.beams.len(), 450);
-                    let sweep = scan.beams[449].offset.micros;
+                    assert!((449..=451).contains(&scan.beams.len()), "{}", scan.beams.len());
+                    invalid += scan.beams.iter().filter(|beam| beam.echo == Echo::Invalid).count();
+                    let sweep = scan.beams.last().unwrap().offset.micros;
                     assert!((sweep - 99_800).abs() < 3000, "{sweep}");
                     assert!(scan.beams.windows(2).all(|pair| pair[0].bearing_rad > pair[1].bearing_rad));
                 }
             });
         }
-        (scans, driver.counters().damaged)
+        let counters = driver.counters();
+        (scans, counters.damaged, counters.incomplete, invalid)
     }
 
     #[test]
     fn whole_turns_come_out() {
-        assert_eq!(run(None), (19, 0));
+        assert_eq!(run(None), (19, 0, 0, 0));
     }
 
     #[test]
-    fn damaged_packet_costs_its_turn() {
-        assert_eq!(run(Some(100)), (18, 1));
+    fn damaged_packet_is_a_hole_in_its_turn() {
+        assert_eq!(run(Some(100)), (19, 1, 1, 12));
+    }
+
+    /// Without a trace but the gap.
+    #[test]
+    fn lost_packet_is_a_hole_in_its_turn() {
+        assert_eq!(run_with(|index, bytes| if index == 100 { vec![] } else { bytes.to_vec() }), (19, 0, 1, 12));
+    }
+
+    #[test]
+    fn longer_loss_costs_the_turn() {
+        let lost = |index, bytes: &[u8]| if (100..125).contains(&index) { vec![] } else { bytes.to_vec() };
+        let (scans, _, incomplete, _) = run_with(lost);
+        assert_eq!((scans, incomplete), (18, 1));
     }
 
     #[test]

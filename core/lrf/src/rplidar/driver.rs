@@ -2,16 +2,18 @@
 
 use super::decoder::{DecoderEvent, RplidarDecoder};
 use super::request::Request;
-use super::response::{Capsule, Health, Measured, ResponseKind, parse_sample};
+use super::response::{Capsule, Health, ResponseKind};
+use crate::beat::{BeatClock, BeatFinder};
 use crate::dialogue::{DialogueBase, Pending, State};
 use crate::driver::{BaudRates, Cause, Counters, Input, LrfDriver, Output, Step};
 use crate::session::{Question, Session};
-use crate::turn::{Sample, TurnAssembler, sample_time};
+use crate::turn::TurnAssembler;
 use identity::describe;
+use lrfslam_scan::Beam;
 use lrfslam_scan::time::{Duration, Instant};
-use lrfslam_scan::{Beam, Echo};
 
 mod identity;
+mod stream;
 
 /// The beam memory to lend: a turn of the fastest model at its slowest speed.
 pub const BEAM_MEMORY: usize = 3300;
@@ -29,6 +31,8 @@ const SPIN_UP: Duration = Duration::from_millis(4000);
 const SILENCE: Duration = Duration::from_millis(1500);
 /// Damaged packets in a row after which the session begins anew.
 const MAX_BAD: u8 = 30;
+/// Corrections move single angles by up to 7.9 degrees; a lost packet leaves 11 at least.
+const HOLE_DEG: f32 = 9.0;
 
 /// What to ask of the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -90,6 +94,12 @@ struct Dialogue<'a> {
     /// The packet before, and when its successor must have begun.
     previous: Option<Capsule>,
     previous_end: Instant,
+    /// The packets' beat, once it is found.
+    beat: Option<BeatClock>,
+    finder: BeatFinder,
+    /// It scans in the mode without check sums.
+    unchecked: bool,
+    last_sample_deg: Option<f32>,
     turns: TurnAssembler<'a>,
 }
 
@@ -102,7 +112,11 @@ impl<'a> RplidarDriver<'a> {
             awaits_descriptor: false,
             previous: None,
             previous_end: Instant::default(),
-            turns: TurnAssembler::new(beams),
+            beat: None,
+            finder: BeatFinder::default(),
+            unchecked: false,
+            last_sample_deg: None,
+            turns: TurnAssembler::new(beams, HOLE_DEG),
         };
         Self { decoder: RplidarDecoder::default(), dialogue }
     }
@@ -154,15 +168,20 @@ impl Session for Dialogue<'_> {
     fn look(&mut self, now: Instant) {
         self.base.set_rate();
         self.turns.forget();
-        self.previous = None;
+        (self.previous, self.unchecked) = (None, false);
         self.base.outbox.transmit(&Request::Stop.emit());
         self.base.state = State::Pausing(Ask::Info);
         self.base.wait(now, QUIET);
         self.awaits_descriptor = true;
     }
 
+    /// Express scans have a sum, so they are asked for most often.
     fn attempts(&self, ask: Ask) -> u8 {
-        u8::from(ask != Ask::Stop)
+        match ask {
+            Ask::Stop => 0,
+            Ask::Express => 3,
+            Ask::Info | Ask::Health | Ask::Scan => 1,
+        }
     }
 
     fn send(&mut self, now: Instant, ask: Ask) {
@@ -182,7 +201,7 @@ impl Session for Dialogue<'_> {
         match ask {
             Ask::Info => self.try_next_rate(now),
             // Old firmware has no express mode.
-            Ask::Express => self.ask(now, Ask::Scan),
+            Ask::Express => self.scan_unchecked(now),
             Ask::Stop => self.base.stopped(true),
             Ask::Health | Ask::Scan => self.fail(now, ask, Cause::NoReply),
         }
@@ -202,7 +221,7 @@ impl Dialogue<'_> {
         match (self.base.state, kind) {
             (State::Asking(Ask::Express), ResponseKind::Capsule | ResponseKind::DenseCapsule)
             | (State::Asking(Ask::Express | Ask::Scan), ResponseKind::Sample) => {
-                self.base.begin_streaming(now, self.base.baud, self.base.identity.turn, SPIN_UP);
+                self.begin_streaming(now, SPIN_UP);
             }
             _ => {}
         }
@@ -216,12 +235,7 @@ impl Dialogue<'_> {
                 self.ask(now, Ask::Health);
             }
             (State::Asking(Ask::Health), ResponseKind::Health) => self.on_health(now, bytes),
-            (State::Streaming, ResponseKind::Sample) => {
-                if let Some((measured, _)) = parse_sample(bytes) {
-                    self.base.wait(now, SILENCE);
-                    self.publish(core::iter::once(sample(measured, now)));
-                }
-            }
+            (State::Streaming, ResponseKind::Sample) => self.on_sample(now, bytes),
             _ => {}
         }
     }
@@ -231,8 +245,7 @@ impl Dialogue<'_> {
         if health.status >= 2 {
             // Only a reset leaves this state.
             self.base.outbox.transmit(&Request::Reset.emit());
-            let [code, _] = health.code.to_le_bytes();
-            return self.fail(now, Ask::Health, Cause::HardwareFault([code.max(1), 0]));
+            return self.fail(now, Ask::Health, Cause::FaultCode(health.code));
         }
         let state = if health.status == 0 { "well" } else { "warning" };
         self.base.identity.state = heapless::String::try_from(state).unwrap_or_default();
@@ -240,50 +253,6 @@ impl Dialogue<'_> {
         self.base.outbox.transmit(&Request::MotorPower(MOTOR_POWER).emit());
         self.ask(now, Ask::Express);
     }
-
-    /// The samples of a packet lie between its start and that of the next.
-    fn on_capsule(&mut self, now: Instant, capsule: Capsule) {
-        if self.base.state != State::Streaming {
-            return;
-        }
-        self.base.bad_in_a_row = 0;
-        self.base.wait(now, SILENCE);
-        if capsule.starts() {
-            self.turns.forget();
-            self.previous = None;
-        }
-        if let Some(previous) = self.previous.replace(capsule.clone()) {
-            let measured = previous.samples(&capsule);
-            let count = measured.len();
-            let taken = now.since(self.previous_end).micros.clamp(0, 100_000);
-            let each = Duration::from_micros(taken / count.max(1) as i64);
-            // When a packet arrives, its last sample is as old as it; the samples read now are those of the one before.
-            let end = self.previous_end;
-            let samples = measured.into_iter().enumerate();
-            self.publish(samples.map(|(index, measured)| sample(measured, sample_time(end, index, count, each))));
-        }
-        self.previous_end = now;
-    }
-
-    fn publish(&mut self, samples: impl Iterator<Item = Sample>) {
-        if self.turns.add(samples) {
-            self.base.announce_scan();
-        }
-    }
-
-    fn count_damaged(&mut self, now: Instant, damaged: u32) {
-        if self.base.is_damage_new(damaged) && self.base.state == State::Streaming {
-            self.turns.spoil();
-            self.previous = None;
-            self.base.bad_scan(now, MAX_BAD);
-        }
-    }
-}
-
-fn sample(measured: Measured, at: Instant) -> Sample {
-    let range_m = measured.distance_mm / 1000.0;
-    // 0 is no measurement: it frees nothing.
-    Sample { clockwise_deg: measured.clockwise_deg, at, echo: Echo::from_range(range_m, RANGE_MAX_M) }
 }
 
 impl LrfDriver for RplidarDriver<'_> {
@@ -302,7 +271,7 @@ impl LrfDriver for RplidarDriver<'_> {
     }
 
     fn counters(&self) -> Counters {
-        self.dialogue.base.counters(self.decoder.damaged())
+        self.dialogue.base.counters(self.decoder.damaged(), self.dialogue.turns.incomplete())
     }
 }
 

@@ -3,8 +3,9 @@
 //! Requests begin with A5; a request that is answered is answered first by a descriptor (`A5 5A`, length and type of what
 //! follows), then by one response or an endless row of them. Angles grow clockwise from straight ahead.
 //!
-//! Scans are asked for in express mode, whose packets have a check sum; the old scan mode has none, only two check bits a
-//! sample, and is used if a sensor has nothing else: **damage then goes unseen**.
+//! Scans are asked for in express mode, whose packets have a check sum. The old scan mode has none, only two check bits a
+//! sample. It is used if a sensor has nothing else, and that is told ([`Cause::Unchecked`](crate::driver::Cause::Unchecked)): angles must
+//! grow and turns start ahead, but **a damaged distance goes unseen**.
 //!
 //! Not here: ultra and HQ capsules (A3's fastest modes; the maker documents the first only in its SDK).
 //!

@@ -139,6 +139,18 @@ impl Capsule {
 
     /// Builds a packet from samples: dense, or with all corrections 0. Missing samples are 0, distances are cut to what fits.
     pub fn build(dense: bool, starts: bool, start_deg: f32, distances_mm: &[u16]) -> Self {
+        Self::build_corrected(dense, starts, start_deg, distances_mm, 0.0)
+    }
+
+    /// The same with one correction for all samples that is subtracted from their angles, 0 to 7.875 degrees; a dense packet has none.
+    pub fn build_corrected(
+        dense: bool,
+        starts: bool,
+        start_deg: f32,
+        distances_mm: &[u16],
+        correction_deg: f32,
+    ) -> Self {
+        let eighths = (correction_deg * 8.0) as u16 & 0x3F;
         let mut bytes = [0; CAPSULE];
         let angle_q6 = (start_deg * 64.0) as u16 & 0x7FFF | u16::from(starts) << 15;
         let mut distances = distances_mm.iter().copied();
@@ -148,9 +160,10 @@ impl Capsule {
         for cabin in cabins.chunks_exact_mut(if dense { 2 } else { 5 }) {
             match cabin {
                 [low, high] => [*low, *high] = next().to_le_bytes(),
-                [a, b, c, d, _] => {
-                    [*a, *b] = (next() << 2).to_le_bytes();
-                    [*c, *d] = (next() << 2).to_le_bytes();
+                [a, b, c, d, low_bits] => {
+                    [*a, *b] = (next() << 2 | eighths >> 4).to_le_bytes();
+                    [*c, *d] = (next() << 2 | eighths >> 4).to_le_bytes();
+                    *low_bits = (eighths & 0x0F) as u8 * 0x11;
                 }
                 _ => {}
             }
@@ -201,7 +214,8 @@ impl Capsule {
     /// The samples: evenly spread to the start of `next`, less a correction each in packets that are not dense.
     ///
     /// Source: Interface Protocol, "Data Processing of the Express Scan Data": θₖ = ω + (ω' − ω)/N · k − dθₖ, dθ in eighths of a
-    /// degree with the highest of its six bits as sign.
+    /// degree. Departure: the protocol calls the highest of its six bits a sign; the maker's SDK (`handler_capsules.cpp`), which devices
+    /// are sold with, reads all six as a number.
     pub fn samples(&self, next: &Capsule) -> heapless::Vec<Measured, MAX_PACKET> {
         let step_deg = self.span_deg(next) / self.len() as f32;
         let mut samples = heapless::Vec::new();
@@ -226,10 +240,9 @@ impl Capsule {
     }
 }
 
-/// Six bits: sign, then eighths of a degree.
+/// Six bits: eighths of a degree.
 fn correction_deg(high_bits: u8, low_bits: u8) -> f32 {
-    let magnitude = f32::from((high_bits & 1) << 4 | low_bits) / 8.0;
-    if high_bits & 2 == 0 { magnitude } else { -magnitude }
+    f32::from((high_bits & 3) << 4 | low_bits & 0x0F) / 8.0
 }
 
 #[cfg(test)]
@@ -281,8 +294,14 @@ mod tests {
     }
 
     #[test]
-    fn corrections_have_a_sign() {
-        assert_eq!((correction_deg(0, 8), correction_deg(1, 0), correction_deg(2, 4)), (1.0, 2.0, -0.5));
+    fn corrections_are_all_positive() {
+        assert_eq!((correction_deg(0, 8), correction_deg(1, 0), correction_deg(2, 8)), (1.0, 2.0, 5.0));
+        for degrees in [0.5_f32, 3.875, 4.0, 5.0, 7.875] {
+            let capsule = |start_deg| Capsule::build_corrected(false, false, start_deg, &[1000; 32], degrees);
+            let samples = capsule(100.0).samples(&capsule(132.0));
+            assert!((samples[0].clockwise_deg - (100.0 - degrees)).abs() < 1e-3, "{degrees}: {:?}", samples[0]);
+            assert!((samples[31].clockwise_deg - (131.0 - degrees)).abs() < 1e-3 && samples[31].distance_mm == 1000.0);
+        }
     }
 
     #[test]

@@ -2,8 +2,9 @@
 //!
 //! Find its rate (`20 25`, which also stops a stream and leaves the installation mode), read type, status and
 //! configuration, raise the rate, set angle, resolution and unit as asked, stream. Below 1° each mirror turn is asked for on
-//! its own (mode 2A), so that a moving robot gets no comb; a sensor that refuses it streams whole scans, whose beams
-//! carry the times of their turns. Damaged scans in a row, silence or a power-on telegram begin the session anew.
+//! its own (mode 2A), so that a moving robot gets no comb. A sensor that refuses it streams whole scans, whose beams
+//! carry the times of their turns. So does one on a line too slow for every turn: which of them it would then send, and whether each beam
+//! ever came, is not documented. Damaged scans in a row, silence or a power-on telegram begin the session anew.
 
 mod connect;
 mod setup;
@@ -15,8 +16,9 @@ use super::decoder::{DecoderEvent, TelegramDecoder};
 use super::measurement::ValueFormat;
 use super::reply::Reply;
 use super::request::{OperatingMode, PASSWORD, Request, Variant};
-use super::scan::ScanLayout;
+use super::scan::{ScanLayout, TURN};
 use super::telegram::Direction;
+use crate::beat::BeatClock;
 use crate::dialogue::{DialogueBase, ScanMemory, State};
 use crate::driver::{BaudPolicy, Counters, Input, LrfDriver, Output, Step};
 use crate::session::{Question, Session};
@@ -136,6 +138,8 @@ struct Dialogue<'a> {
     config: SickConfig,
     base: DialogueBase<Ask>,
     telegram_began: Instant,
+    /// The mirror's turns: the sensor has no clock to read.
+    beat: BeatClock,
     /// Bytes since the last request.
     noise: u32,
     /// A scan came since the last request.
@@ -163,6 +167,7 @@ impl<'a> SickDriver<'a> {
             config,
             base: DialogueBase::default(),
             telegram_began: Instant::default(),
+            beat: BeatClock::new(TURN),
             noise: 0,
             heard_scan: false,
             variant: Variant::DEG_180_BY_1,
@@ -199,7 +204,7 @@ impl LrfDriver for SickDriver<'_> {
     }
 
     fn counters(&self) -> Counters {
-        self.dialogue.base.counters(self.decoder.damaged())
+        self.dialogue.base.counters(self.decoder.damaged(), 0)
     }
 }
 

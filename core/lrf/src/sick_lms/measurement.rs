@@ -65,8 +65,10 @@ pub enum Part {
     MeanSubrange(u8, u16, u16),
     /// C4: all ranges, followed by reflectivities that are not read here.
     Reflectivity,
-    /// F5: range and remission by turns.
-    Remission,
+    /// F5: range and remission by turns, of values first..=last.
+    ///
+    /// Source: CARMEN's `sick.c`, made with an LMS291 that sends it; the same order as in the request.
+    Remission(u16, u16),
 }
 
 /// The ranges of a telegram, in place.
@@ -98,12 +100,15 @@ impl<'a> Measurement<'a> {
                 (Part::MeanSubrange(*scans, u16::from_le_bytes([*a, *b]), u16::from_le_bytes([*c, *d])), rest)
             }
             [0xC4, rest @ ..] => (Part::Reflectivity, rest),
-            [0xF5, rest @ ..] => (Part::Remission, rest),
+            // The number of parts, of which one is read, then each with its own first, last and count.
+            [0xF5, 1, _, a, b, c, d, rest @ ..] => {
+                (Part::Remission(u16::from_le_bytes([*a, *b]), u16::from_le_bytes([*c, *d])), rest)
+            }
             _ => return None,
         };
         let (word, rest) = rest.split_first_chunk::<2>()?;
         let word = u16::from_le_bytes(*word);
-        let stride = if part == Part::Remission { 4 } else { 2 };
+        let stride = if matches!(part, Part::Remission(..)) { 4 } else { 2 };
         let (values, tail) = rest.split_at_checked(usize::from(word & 0x03FF) * stride)?;
         let part = match part {
             Part::All if word & 0x2000 != 0 => Part::Turn((word >> 11 & 3) as u8),
@@ -119,7 +124,9 @@ impl<'a> Measurement<'a> {
             first >= 1 && last.checked_sub(first).is_some_and(|span| usize::from(span) + 1 == self.len())
         };
         match self.part {
-            Part::Subrange(first, last) | Part::MeanSubrange(_, first, last) => short_tail && spans(first, last),
+            Part::Subrange(first, last) | Part::MeanSubrange(_, first, last) | Part::Remission(first, last) => {
+                short_tail && spans(first, last)
+            }
             Part::Reflectivity => true,
             _ => short_tail,
         }
@@ -197,7 +204,12 @@ mod tests {
         assert_eq!((sub.part, sub.len()), (Part::Subrange(91, 92), 2));
         let mean = Measurement::parse(&[0xB6, 10, 1, 0, 5, 0]).unwrap();
         assert_eq!((mean.part, mean.unit), (Part::Mean(10), Unit::Centimetre));
-        let both = Measurement::parse(&[0xF5, 2, 0x40, 1, 0, 9, 9, 2, 0, 9, 9]).unwrap();
-        assert_eq!((both.len(), both.raw_values().collect::<Vec<_>>()), (2, vec![1, 2]));
+        let both = Measurement::parse(&[0xF5, 1, 0, 1, 0, 2, 0, 2, 0x40, 1, 0, 9, 9, 2, 0, 9, 9]).unwrap();
+        assert_eq!((both.part, both.raw_values().collect::<Vec<_>>()), (Part::Remission(1, 2), vec![1, 2]));
+        assert_eq!(
+            Measurement::parse(&[0xF5, 2, 0x40, 1, 0, 9, 9, 2, 0, 9, 9]),
+            None,
+            "not parts, first and last first"
+        );
     }
 }

@@ -71,6 +71,8 @@ impl Variant {
 pub enum OperatingMode {
     /// 00: installation mode, with its password.
     Installation([u8; 8]),
+    /// 10: diagnosis.
+    Diagnosis,
     /// 24: stream all values.
     StreamAll,
     /// 25: scans on request only.
@@ -79,10 +81,14 @@ pub enum OperatingMode {
     StreamMean(u8),
     /// 27: stream values first..=last, counted from 1.
     StreamSubrange(u16, u16),
+    /// 28: stream means of this many scans, of values first..=last, counted from 1.
+    StreamMeanSubrange(u8, u16, u16),
     /// 2A: stream each mirror turn on its own.
     StreamPartial,
-    /// 2B: stream range and remission of each value.
-    StreamRemission,
+    /// 2B: stream range and remission of values first..=last, counted from 1. Only for one part of the scan, of up to five.
+    StreamRemission(u16, u16),
+    /// 20 to 23, 29, 2C to 2F: watch segments and fields. What is streamed then is not read here.
+    Watch(u8),
     /// 50: stream ranges, and reflectivities of values first..=last, counted from 1.
     StreamReflectivity(u16, u16),
     /// 40, 41, 42, 48: baud rate, bit/s.
@@ -183,17 +189,19 @@ impl OperatingMode {
     pub fn code(&self) -> u8 {
         match *self {
             OperatingMode::Installation(_) => 0x00,
+            OperatingMode::Diagnosis => 0x10,
             OperatingMode::StreamAll => 0x24,
             OperatingMode::OnRequest => 0x25,
             OperatingMode::StreamMean(_) => 0x26,
             OperatingMode::StreamSubrange(..) => 0x27,
+            OperatingMode::StreamMeanSubrange(..) => 0x28,
             OperatingMode::StreamPartial => 0x2A,
-            OperatingMode::StreamRemission => 0x2B,
+            OperatingMode::StreamRemission(..) => 0x2B,
             OperatingMode::StreamReflectivity(..) => 0x50,
             OperatingMode::Baud(rate) => {
                 BAUD_CODES.iter().min_by_key(|(known, _, _)| known.abs_diff(rate)).map_or(0x42, |(_, code, _)| *code)
             }
-            OperatingMode::Other(mode) => mode,
+            OperatingMode::Watch(mode) | OperatingMode::Other(mode) => mode,
         }
     }
 
@@ -205,30 +213,47 @@ impl OperatingMode {
         put(&[0x20, self.code()]);
         match *self {
             OperatingMode::Installation(password) => put(&password),
-            OperatingMode::StreamMean(scans) => put(&[scans]),
-            OperatingMode::StreamSubrange(first, last) | OperatingMode::StreamReflectivity(first, last) => {
-                put(&first.to_le_bytes());
-                put(&last.to_le_bytes());
-            }
+            OperatingMode::StreamMean(scans) | OperatingMode::StreamMeanSubrange(scans, ..) => put(&[scans]),
+            OperatingMode::StreamRemission(..) => put(&[1, 0]),
             _ => {}
+        }
+        if let Some((first, last)) = self.subrange() {
+            put(&first.to_le_bytes());
+            put(&last.to_le_bytes());
         }
         payload
     }
 
+    /// The values that are asked for, first and last, counted from 1; `None` if that is not for the host to say.
+    pub fn subrange(&self) -> Option<(u16, u16)> {
+        match *self {
+            OperatingMode::StreamSubrange(first, last)
+            | OperatingMode::StreamMeanSubrange(_, first, last)
+            | OperatingMode::StreamRemission(first, last)
+            | OperatingMode::StreamReflectivity(first, last) => Some((first, last)),
+            _ => None,
+        }
+    }
+
     fn parse(mode: u8, arguments: &[u8]) -> Option<Self> {
         let range = || match arguments {
-            [a, b, c, d] => Some((u16::from_le_bytes([*a, *b]), u16::from_le_bytes([*c, *d]))),
+            [.., a, b, c, d] => Some((u16::from_le_bytes([*a, *b]), u16::from_le_bytes([*c, *d]))),
             _ => None,
         };
         match (mode, arguments) {
             (0x00, _) => arguments.try_into().ok().map(OperatingMode::Installation),
+            (0x10, []) => Some(OperatingMode::Diagnosis),
             (0x24, []) => Some(OperatingMode::StreamAll),
             (0x25, []) => Some(OperatingMode::OnRequest),
             (0x26, [scans]) => Some(OperatingMode::StreamMean(*scans)),
-            (0x27, _) => range().map(|(first, last)| OperatingMode::StreamSubrange(first, last)),
+            (0x27, [_, _, _, _]) => range().map(|(first, last)| OperatingMode::StreamSubrange(first, last)),
+            (0x28, [scans, _, _, _, _]) => {
+                range().map(|(first, last)| OperatingMode::StreamMeanSubrange(*scans, first, last))
+            }
             (0x2A, []) => Some(OperatingMode::StreamPartial),
-            (0x2B, _) => Some(OperatingMode::StreamRemission),
-            (0x50, _) => range().map(|(first, last)| OperatingMode::StreamReflectivity(first, last)),
+            (0x2B, [1, 0, _, _, _, _]) => range().map(|(first, last)| OperatingMode::StreamRemission(first, last)),
+            (0x20..=0x23 | 0x29 | 0x2C..=0x2F, _) => Some(OperatingMode::Watch(mode)),
+            (0x50, [_, _, _, _]) => range().map(|(first, last)| OperatingMode::StreamReflectivity(first, last)),
             (_, []) => {
                 BAUD_CODES.iter().find(|(_, code, _)| *code == mode).map(|(rate, _, _)| OperatingMode::Baud(*rate))
             }
@@ -262,6 +287,8 @@ mod tests {
             (mode(OperatingMode::StreamMean(10)), "02 00 03 00 20 26 0A 76 3E"),
             (mode(OperatingMode::StreamSubrange(1, 181)), "02 00 06 00 20 27 01 00 B5 00 12 09"),
             (mode(OperatingMode::StreamSubrange(1, 361)), "02 00 06 00 20 27 01 00 69 01 AB D4"),
+            (mode(OperatingMode::StreamMeanSubrange(10, 1, 181)), "02 00 07 00 20 28 0A 01 00 B5 00 C7 62"),
+            (mode(OperatingMode::StreamRemission(1, 181)), "02 00 08 00 20 2B 01 00 01 00 B5 00 AF 5A"),
             (mode(OperatingMode::StreamReflectivity(1, 181)), "02 00 06 00 20 50 01 00 B5 00 68 B6"),
             (mode(OperatingMode::Baud(9_600)), "02 00 02 00 20 42 52 08"),
             (mode(OperatingMode::Baud(19_200)), "02 00 02 00 20 41 51 08"),

@@ -86,7 +86,7 @@ impl ScanLayout {
                 }
                 (start + offset, 100, usize::from(variant.values_of_turn(quarter)))
             }
-            Part::Subrange(first, last) | Part::MeanSubrange(_, first, last) => {
+            Part::Subrange(first, last) | Part::MeanSubrange(_, first, last) | Part::Remission(first, last) => {
                 if first == 0 || last > variant.values() {
                     return Err(ScanError::WrongPart);
                 }

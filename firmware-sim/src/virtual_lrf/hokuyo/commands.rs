@@ -5,7 +5,7 @@ use lrfslam_lrf::hokuyo_scip::command::split_tag;
 use lrfslam_lrf::hokuyo_scip::parameters::emit_info;
 use lrfslam_lrf::hokuyo_scip::{Acquire, Command, Encoding, Status, TimeMode, code};
 
-use super::{Stream, VirtualHokuyo};
+use super::{POWER_UP_BAUD, Stream, VirtualHokuyo};
 use crate::virtual_lrf::VirtualLrf;
 
 /// Rates that `SS` takes, bit/s.
@@ -50,8 +50,8 @@ impl VirtualHokuyo {
             Command::LaserOn if self.time_mode => Status::UNDEFINED,
             Command::LaserOn if std::mem::replace(&mut self.laser_on, true) => Status::code(2),
             Command::LaserOn => Status::OK,
-            Command::MotorSpeed(speed) => self.set_motor(speed),
-            Command::Sensitivity(high) => self.set_sensitivity(high),
+            Command::MotorSpeed(speed) => self.set_motor(now, speed),
+            Command::Sensitivity(_) => self.set_sensitivity(),
             Command::Malfunction(1..=5 | 10) => Status::OK,
             Command::Malfunction(_) => Status::code(2),
             // These are of SCIP 2.2, or of 1.1.
@@ -97,18 +97,23 @@ impl VirtualHokuyo {
     }
 
     fn information(&self, now: Instant) -> String {
-        let rate = match self.line.baud(now) {
-            Some(19_200) => "19200[bps]<-Default setting by user".to_owned(),
-            Some(rate) => format!("{rate}[bps]"),
-            None => "USB Full Speed".to_owned(),
+        let rate = match self.said_baud {
+            _ if !self.model.has_serial_port => "USB Full Speed".to_owned(),
+            POWER_UP_BAUD => format!("{POWER_UP_BAUD}[bps]<-Default setting by user"),
+            rate => format!("{rate}[bps]"),
+        };
+        let speed = self.turns_per_minute();
+        let motor = match self.motor {
+            0 => format!("Initial({speed}[rpm])<-Default setting by user"),
+            level => format!("Level {level}({speed}[rpm])"),
         };
         info(&[
             ("MODL", &self.model.parameters.model),
             ("LASR", if self.laser_on { "ON" } else { "OFF" }),
-            ("SCSP", self.model.motor),
+            ("SCSP", &motor),
             ("MESM", if self.laser_on { "CLASSIC" } else { "IDLE" }),
             ("SBPS", &rate),
-            ("TIME", &format!("{:X}", self.clock_ms(now))),
+            ("TIME", &format!("{:06X}", self.clock_ms(now))),
             ("STAT", "Sensor works well."),
         ])
     }
@@ -133,9 +138,16 @@ impl VirtualHokuyo {
         (self.time_mode, self.zero, self.clock_start_ms) = (false, now, 0);
         self.reply(now, line, Status::OK, "");
         if everything {
-            (self.motor, self.sensitive) = (0, false);
-            self.model.baud.into_iter().for_each(|rate| self.line.change_rate(rate));
+            self.motor = 0;
+            self.believe(POWER_UP_BAUD);
         }
+        self.turns_from = now;
+    }
+
+    /// Goes to another rate, once everything said so far is out; on USB it only says so.
+    pub(super) fn believe(&mut self, baud: u32) {
+        self.said_baud = baud;
+        self.line.change_rate(baud);
     }
 
     fn reboot(&mut self, now: Instant, line: &[u8]) {
@@ -145,7 +157,7 @@ impl VirtualHokuyo {
             let answer = self.line.clone();
             self.power_on(now);
             self.line = answer;
-            self.model.baud.into_iter().for_each(|rate| self.line.change_rate(rate));
+            self.believe(POWER_UP_BAUD);
         } else {
             self.reboot_asked_at = Some(now);
             self.reply(now, line, Status::code(1), "");
@@ -213,40 +225,36 @@ impl VirtualHokuyo {
     }
 
     fn set_rate(&mut self, now: Instant, line: &[u8], rate: u32) {
-        let status = match self.line.baud(now) {
-            None => Status::code(4),
-            Some(_) if !RATES.contains(&rate) => Status::code(2),
-            Some(holds) if holds == rate => Status::code(3),
-            Some(_) => Status::OK,
+        let status = match self.line.baud(now).unwrap_or(self.said_baud) {
+            _ if !self.model.has_serial_port => Status::code(4),
+            _ if !RATES.contains(&rate) => Status::code(2),
+            holds if holds == rate => Status::code(3),
+            _ => Status::OK,
         };
         self.reply(now, line, status, "");
         if status == Status::OK {
-            self.line.change_rate(rate);
+            self.believe(rate);
         }
     }
 
-    fn set_motor(&mut self, speed: u8) -> Status {
+    /// Each step makes the motor 1 % slower (drivers).
+    fn set_motor(&mut self, now: Instant, speed: u8) -> Status {
         match speed {
-            _ if self.model.baud.is_none() => Status::code(4),
+            _ if !self.model.has_serial_port => Status::code(4),
             11..=98 | 100.. => Status::code(2),
             same if same == self.motor => Status::code(3),
             // 99 is the usual speed again.
             new => {
                 self.motor = new % 99;
+                (self.turns_from, self.next_turn) = (now, 0);
                 Status::OK
             }
         }
     }
 
-    fn set_sensitivity(&mut self, high: bool) -> Status {
-        if self.model.baud.is_none() {
-            return Status::code(3);
-        }
-        if self.sensitive == high {
-            return Status::code(2);
-        }
-        self.sensitive = high;
-        Status::OK
+    /// A URG-04LX calls it too short, with one digit (capture).
+    fn set_sensitivity(&self) -> Status {
+        if self.model.has_serial_port { Status::TOO_SHORT } else { Status::code(3) }
     }
 
     /// Four characters, their sum, line feed.

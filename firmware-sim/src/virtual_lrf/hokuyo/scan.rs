@@ -81,7 +81,7 @@ impl VirtualHokuyo {
         let is_urg = parameters.range_codes() == RangeCodes::Urg;
         let (nothing, too_near) = if is_urg { (0, 6) } else { (1, 4) };
         let (shortest, longest) = (parameters.distance_min_mm, parameters.distance_max_mm);
-        match self.sight.measure(start + parameters.step_time(step), bearing_rad) {
+        match self.sight.measure(start + self.step_time(step), bearing_rad) {
             Reading::Nothing => nothing,
             // What a URG gives most often in a real room: 0, 7 and 10 (capture).
             Reading::Failed(pick) if is_urg => [0, 0, 0, 0, 0, 0, 7, 10][pick as usize % 8],

@@ -17,7 +17,7 @@ impl VirtualHokuyo {
             }
             b"V" => {
                 let body = format!(
-                    "VEND:Hokuyo Automatic Co.,Ltd.\nPROD:{}\nFIRM:{}\nPROT:SCIP 1.1\nSERI:{}\n",
+                    "VEND:Hokuyo Automatic Co.,Ltd.\nPROD:{}\nFIRM:{}\nPROT:SCIP 1.1\nSERI:{}\nSTAT:Sensor works well.\n",
                     self.model.product, self.model.firmware, self.model.serial
                 );
                 self.reply_scip1(now, line, b'0', &body);
@@ -29,7 +29,7 @@ impl VirtualHokuyo {
             [b'S', rate @ ..] if rate.len() >= 6 => match digits(&rate[..6]).filter(|rate| *rate >= 19_200) {
                 Some(rate) => {
                     self.reply_scip1(now, line, b'0', "");
-                    self.line.change_rate(rate);
+                    self.believe(rate);
                 }
                 None => self.reply_scip1(now, line, b'E', ""),
             },

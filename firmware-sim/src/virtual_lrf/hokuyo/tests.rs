@@ -33,7 +33,9 @@ fn urg_in_scip2() -> (VirtualHokuyo, Instant) {
 fn urg_wakes_in_scip1() {
     let (mut device, mut now) = sensor(HokuyoModel::urg_04lx());
     assert_eq!(ask(&mut device, &mut now, "QT|", 150), "QT|E||");
-    assert!(ask(&mut device, &mut now, "V|", 150).starts_with("V|0|VEND:Hokuyo Automatic Co.,Ltd.|"));
+    let version = ask(&mut device, &mut now, "V|", 150);
+    assert!(version.starts_with("V|0|VEND:Hokuyo Automatic Co.,Ltd.|"), "{version}");
+    assert!(version.ends_with("|SERI:H0700001|STAT:Sensor works well.||"), "{version}");
     let scan = ask(&mut device, &mut now, "G00076801|", 150);
     assert!(scan.starts_with("G00076801|0|0C0C0C0C0C"), "{scan}");
     let data: usize = scan.split('|').skip(2).map(str::len).sum();
@@ -65,6 +67,9 @@ fn replies_of_the_capture_come_back() {
         ("ME0044072501000|", "ME0044072501000|0Ee||"),
         ("SS123456|", "SS123456|02R||"),
         ("SS019200|", "SS019200|03S||"),
+        ("HS0|", "HS0|0Cc||"),
+        ("DB|", "DB|0Cc||"),
+        ("DB01|", "DB01|00P||"),
         ("||", ""),
         ("VV|VV|", "VV|00P|VEND:"),
     ] {
@@ -131,4 +136,41 @@ fn second_reboot_within_a_second_reboots() {
     assert_eq!(ask(&mut device, &mut now, "QT|", 200), "", "still booting");
     now = now + Duration::from_millis(2000);
     assert_eq!(ask(&mut device, &mut now, "QT|", 200), "QT|E||");
+}
+
+#[test]
+fn urg_on_usb_wakes_in_scip1_and_sends_every_turn() {
+    let (mut device, mut now) = sensor(HokuyoModel::urg_04lx_usb());
+    assert_eq!(ask(&mut device, &mut now, "QT|", 150), "QT|E||");
+    assert_eq!(ask(&mut device, &mut now, "SCIP2.0|", 150), "SCIP2.0|0||");
+    assert!(ask(&mut device, &mut now, "II|", 150).contains("|SBPS:19200[bps]<-Default setting by user;A|"));
+    assert_eq!(ask(&mut device, &mut now, "SS115200|", 150), "SS115200|00P||");
+    assert!(ask(&mut device, &mut now, "II|", 150).contains("|SBPS:115200[bps];"));
+    ask(&mut device, &mut now, "MD0044072501000|", 1000);
+    let scans = ask(&mut device, &mut now, "", 5000).matches("|99b|").count();
+    assert!((49..=51).contains(&scans), "{scans}");
+}
+
+#[test]
+fn slower_motor_turns_slower_and_says_so() {
+    let (mut device, mut now) = sensor(HokuyoModel::urg_04lx_usb());
+    ask(&mut device, &mut now, "SCIP2.0|", 150);
+    assert!(ask(&mut device, &mut now, "II|", 150).contains("|SCSP:Initial(600[rpm])<-Default setting by user;A|"));
+    assert_eq!(ask(&mut device, &mut now, "CR10|", 150), "CR10|00P||");
+    assert!(ask(&mut device, &mut now, "II|", 150).contains("|SCSP:Level 10(540[rpm]);"));
+    ask(&mut device, &mut now, "MD0044072501000|", 1000);
+    let scans = ask(&mut device, &mut now, "", 10_000).matches("|99b|").count();
+    assert!((89..=91).contains(&scans), "{scans}");
+    ask(&mut device, &mut now, "QT|", 200);
+    assert_eq!(ask(&mut device, &mut now, "CR99|", 200), "CR99|00P||");
+    assert!(ask(&mut device, &mut now, "II|", 150).contains("|SCSP:Initial(600[rpm])"));
+}
+
+#[test]
+fn time_has_six_digits() {
+    let (mut device, mut now) = sensor(HokuyoModel::utm_30lx());
+    let information = ask(&mut device, &mut now, "II|", 50);
+    let time = information.split('|').find_map(|line| line.strip_prefix("TIME:")).unwrap();
+    let (digits, _) = time.split_once(';').unwrap();
+    assert!(digits.len() == 6 && digits.starts_with("000"), "{time}");
 }

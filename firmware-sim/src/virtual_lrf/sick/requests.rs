@@ -11,8 +11,8 @@ use super::VirtualSick;
 const REPLY: Duration = Duration::from_millis(10);
 /// A change of operating mode.
 const MODE_CHANGE: Duration = Duration::from_millis(60);
-/// A configuration goes to flash.
-const FLASH: Duration = Duration::from_millis(3000);
+/// A configuration goes to flash. Drivers that work with real ones wait 600 ms at most (MRPT).
+const FLASH: Duration = Duration::from_millis(300);
 
 impl VirtualSick {
     pub(super) fn obey(&mut self, now: Instant, request: &Request) {
@@ -61,7 +61,7 @@ impl VirtualSick {
         let at = now + MODE_CHANGE;
         match mode {
             OperatingMode::Installation(password) if password != PASSWORD => self.send(at, &[0xA0, 0x01]),
-            OperatingMode::Other(_) => self.send(at, &[0x92]),
+            mode if !self.knows(mode) => self.send(at, &[0x92]),
             mode if !self.can_stream(mode) => self.send(at, &[0xA0, 0x02]),
             OperatingMode::Baud(rate) => {
                 self.send(at, &[0xA0, 0x00]);
@@ -75,27 +75,29 @@ impl VirtualSick {
         }
     }
 
+    /// Ranges together with reflectivities are what an LMS200 does not have.
+    fn knows(&self, mode: OperatingMode) -> bool {
+        match mode {
+            OperatingMode::Other(_) => false,
+            OperatingMode::StreamReflectivity(..) => self.model.has_reflectivity_stream,
+            _ => true,
+        }
+    }
+
     /// True if the values asked for exist, and fit into a telegram; of a recording, whole scans.
     fn can_stream(&self, mode: OperatingMode) -> bool {
         let values = self.variant.values();
-        let exist = |first: u16, last: u16| first >= 1 && first <= last && last <= values;
-        match mode {
-            OperatingMode::StreamMean(_)
-            | OperatingMode::StreamSubrange(..)
-            | OperatingMode::StreamPartial
-            | OperatingMode::StreamRemission
-            | OperatingMode::StreamReflectivity(..)
-                if self.sight.is_recording() =>
-            {
-                false
-            }
-            OperatingMode::StreamSubrange(first, last) => exist(first, last),
-            OperatingMode::StreamReflectivity(first, last) => {
-                exist(first, last) && 2 * values + (last - first) + 12 <= MAX_PAYLOAD as u16
-            }
-            OperatingMode::StreamRemission => 4 * values + 5 <= MAX_PAYLOAD as u16,
-            _ => true,
+        if self.sight.is_recording() && (mode.subrange().is_some() || is_of_turns(mode)) {
+            return false;
         }
+        let Some((first, last)) = mode.subrange() else { return true };
+        let asked = last.saturating_sub(first).saturating_add(1);
+        let bytes = match mode {
+            OperatingMode::StreamReflectivity(..) => 2 * usize::from(values) + usize::from(asked) + 11,
+            OperatingMode::StreamRemission(..) => 4 * usize::from(asked) + 10,
+            _ => 2 * usize::from(asked) + 9,
+        };
+        first >= 1 && first <= last && last <= values && bytes <= MAX_PAYLOAD
     }
 
     fn set_variant(&mut self, now: Instant, variant: Variant) {
@@ -108,4 +110,8 @@ impl VirtualSick {
         let [c, d] = self.variant.resolution_cdeg.to_le_bytes();
         self.send(now + MODE_CHANGE, &[0xBB, u8::from(taken), a, b, c, d]);
     }
+}
+
+fn is_of_turns(mode: OperatingMode) -> bool {
+    matches!(mode, OperatingMode::StreamMean(_) | OperatingMode::StreamPartial)
 }

@@ -10,6 +10,9 @@ use crate::lrf_model::Reading;
 /// Mirror turns per second.
 const TURNS_PER_SECOND: i64 = 75;
 
+/// Measuring modes whose values are reflectivities instead of ranges.
+const GIVES_REFLECTIVITY: [u8; 3] = [0x0D, 0x0E, 0x3F];
+
 /// When turn `turn` of the mirror passes 0° of the sensor's own scale.
 fn turn_start(turn: i64) -> Instant {
     Instant::from_micros(turn * 1_000_000 / TURNS_PER_SECOND)
@@ -21,7 +24,9 @@ impl VirtualSick {
         let scan = i64::from(self.variant.turns());
         match self.mode {
             OperatingMode::StreamPartial if !self.single => 1,
-            OperatingMode::StreamMean(scans) if !self.single => scan * i64::from(scans.max(1)),
+            OperatingMode::StreamMean(scans) | OperatingMode::StreamMeanSubrange(scans, ..) if !self.single => {
+                scan * i64::from(scans.max(1))
+            }
             _ => scan,
         }
     }
@@ -47,6 +52,7 @@ impl VirtualSick {
     pub(super) fn skip_to(&mut self, at: Instant) {
         let turn = at.micros * TURNS_PER_SECOND / 1_000_000 + 1;
         self.next_group = turn.div_euclid(self.group_turns()) + 1;
+        self.next_part = None;
         if self.is_streaming() {
             self.sight.stream_from(at);
         }
@@ -56,7 +62,7 @@ impl VirtualSick {
     pub(super) fn finish_group(&mut self, now: Instant) {
         let first_turn = self.next_group * self.group_turns();
         self.next_group += 1;
-        if !self.line.is_free(now) {
+        if !self.line.is_free(now) || !self.is_next_part(first_turn) {
             self.sight.advance();
             return;
         }
@@ -66,6 +72,20 @@ impl VirtualSick {
             self.skip_to(now);
         }
         self.send(now, &payload);
+    }
+
+    /// Drivers speak of a sequence of parts (sicktoolbox): none is sent twice before the others.
+    fn is_next_part(&mut self, turn: i64) -> bool {
+        if self.single || self.mode != OperatingMode::StreamPartial {
+            return true;
+        }
+        let turns = i64::from(self.variant.turns());
+        let part = turn.rem_euclid(turns);
+        let is_next = self.next_part.is_none_or(|next| next == part);
+        if is_next {
+            self.next_part = Some((part + 1) % turns);
+        }
+        is_next
     }
 
     fn payload(&mut self, first_turn: i64) -> Vec<u8> {
@@ -91,22 +111,21 @@ impl VirtualSick {
                 let [c, d] = last.to_le_bytes();
                 self.finish(vec![0xB7, a, b, c, d], word(values.len(), None), values)
             }
-            OperatingMode::StreamRemission => {
-                let values = self.measure(first_turn);
-                let mut payload = [&[0xF5][..], &word(values.len(), None)].concat();
-                for value in values {
-                    payload.extend(value.to_le_bytes());
-                    payload.extend(remission(value).to_le_bytes());
-                }
-                payload
+            OperatingMode::StreamMeanSubrange(scans, first, last) => {
+                let all = self.measure_mean(first_turn, scans.max(1));
+                let values = &all[usize::from(first) - 1..usize::from(last).min(all.len())];
+                let [a, b] = first.to_le_bytes();
+                let [c, d] = last.to_le_bytes();
+                self.finish(vec![0xBF, scans, a, b, c, d], word(values.len(), None), values)
             }
+            OperatingMode::StreamRemission(first, last) => self.with_remission(first_turn, first, last),
             OperatingMode::StreamReflectivity(first, last) => {
                 let values = self.measure(first_turn);
                 let mut payload = self.finish(vec![0xC4], word(values.len(), None), &values);
                 payload.extend((last - first + 1).to_le_bytes());
                 payload.extend(first.to_le_bytes());
                 payload.extend(last.to_le_bytes());
-                payload.extend((first..=last).map(|index| remission(values[usize::from(index) - 1]) as u8));
+                payload.extend((first..=last).map(|index| self.remission(values[usize::from(index) - 1]) as u8));
                 payload
             }
             _ => {
@@ -114,6 +133,28 @@ impl VirtualSick {
                 self.finish(vec![0xB0], word(values.len(), None), &values)
             }
         }
+    }
+
+    /// The number of parts, first and last value, count word; range and remission of each value.
+    fn with_remission(&mut self, first_turn: i64, first: u16, last: u16) -> Vec<u8> {
+        let values = self.measure(first_turn);
+        let values = &values[usize::from(first) - 1..usize::from(last).min(values.len())];
+        let unit = self.config.unit().unwrap_or(Unit::Centimetre);
+        let words = [1, first, last, count_word(values.len() as u16, unit, None)];
+        let pairs = values.iter().flat_map(|value| [*value, self.remission(*value)]);
+        std::iter::once(0xF5).chain(words.into_iter().chain(pairs).flat_map(u16::to_le_bytes)).collect()
+    }
+
+    /// Brightness of what was hit, 0 to 255, as a plain falling function of distance; 0 for nothing.
+    fn remission(&self, value: u16) -> u16 {
+        let per_metre = self.config.unit().unwrap_or(Unit::Centimetre).per_metre();
+        let range_m = f32::from(value) / per_metre;
+        if value >= self.format().beyond_maximum() { 0 } else { (255.0 - 25.0 * range_m).max(10.0) as u16 }
+    }
+
+    /// How ranges are written; where the measuring mode has none, as in mode 0.
+    fn format(&self) -> ValueFormat {
+        ValueFormat::of_mode(self.config.measuring_mode()).unwrap_or(ValueFormat { mask: 0x1FFF })
     }
 
     /// Count word, values, and the real-time index if it is switched on.
@@ -156,19 +197,15 @@ impl VirtualSick {
         let within = 1_000_000 / TURNS_PER_SECOND * i64::from(angle_cdeg) / 36_000;
         let at = turn_start(turn) + Duration::from_micros(within);
         let bearing_rad = (f64::from(angle_cdeg) / 100.0 - 90.0).to_radians();
-        let format = ValueFormat::of_mode(self.config.measuring_mode()).unwrap_or(ValueFormat { mask: 0x1FFF });
+        let format = self.format();
         let beyond = format.beyond_maximum();
         let per_metre = f64::from(self.config.unit().unwrap_or(Unit::Centimetre).per_metre());
-        match self.sight.measure(at, bearing_rad) {
+        let range = match self.sight.measure(at, bearing_rad) {
             Reading::Nothing => beyond,
             // Dazzled, or a weak signal.
             Reading::Failed(pick) => format.mask - if pick % 4 == 0 { 1 } else { 4 },
             Reading::Range(range_m) => ((range_m * per_metre).round().max(1.0) as u32).min(u32::from(beyond)) as u16,
-        }
+        };
+        if GIVES_REFLECTIVITY.contains(&self.config.measuring_mode()) { self.remission(range) } else { range }
     }
-}
-
-/// Brightness of what was hit, as a plain falling function of distance.
-fn remission(value: u16) -> u16 {
-    255_u16.saturating_sub(value / 40).max(10)
 }

@@ -34,11 +34,27 @@ fn hex(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
+fn sensor(model: SickModel) -> (VirtualSick, Instant) {
+    (VirtualSick::new(model, Box::new(Scenario::load("room").unwrap().scene()), 1), Instant::from_micros(1_000_000))
+}
+
 fn lms200() -> (VirtualSick, Instant) {
-    (
-        VirtualSick::new(SickModel::lms200(), Box::new(Scenario::load("room").unwrap().scene()), 1),
-        Instant::from_micros(1_000_000),
-    )
+    sensor(SickModel::lms200())
+}
+
+/// Into the installation mode.
+fn install(device: &mut VirtualSick, now: &mut Instant) {
+    let install = Request::Mode(OperatingMode::Installation(*b"SICK_LMS")).emit();
+    assert_eq!(ask(device, now, &install, 500)[1], [0xA0, 0x00, 0x10]);
+}
+
+/// What comes first of a mode at 500000 baud and 1 degree: its answer, and the telegram after it.
+fn mode(model: SickModel, mode: OperatingMode) -> (Vec<u8>, Option<Vec<u8>>) {
+    let (mut device, mut now) = sensor(model);
+    device.set_baud(500_000);
+    device.variant = Variant::DEG_180_BY_1;
+    let mut said = ask(&mut device, &mut now, &Request::Mode(mode).emit(), 400).into_iter().skip(1);
+    (said.next().unwrap(), said.next())
 }
 
 #[test]
@@ -124,7 +140,7 @@ fn other_ways_of_streaming_have_their_telegrams() {
         ("02 00 06 00 20 27 01 00 B5 00 12 09", 0xB7),
         ("02 00 06 00 20 50 01 00 B5 00 68 B6", 0xC4),
     ] {
-        let (mut device, mut now) = lms200();
+        let (mut device, mut now) = sensor(SickModel::lms291());
         device.set_baud(500_000);
         device.variant = Variant::DEG_180_BY_1;
         let said = ask(&mut device, &mut now, &hex(request), 1000);
@@ -132,4 +148,67 @@ fn other_ways_of_streaming_have_their_telegrams() {
         assert_eq!((said[1][0], scan[0]), (0xA0, command), "{request}");
         assert!(Measurement::parse(&scan[..scan.len() - 1]).is_some(), "{request}");
     }
+}
+
+/// MRPT waits 600 ms, and CARMEN no longer.
+#[test]
+fn configuration_is_answered_before_drivers_give_up() {
+    let (mut device, mut now) = lms200();
+    install(&mut device, &mut now);
+    let set = Request::SetConfig(device.config.clone()).emit();
+    assert_eq!(ask(&mut device, &mut now, &set, 500)[1][..2], [0xF7, 0x01]);
+    assert_eq!(ask(&mut device, &mut now, &Request::PermanentBaud(true).emit(), 500)[1], [0xE6, 0x00, 0x10]);
+}
+
+#[test]
+fn reflectivity_comes_instead_of_ranges_in_its_measuring_mode() {
+    for measuring_mode in [0x00, 0x3F] {
+        let (mut device, mut now) = lms200();
+        install(&mut device, &mut now);
+        let block = ConfigBlock::parse(&[70, 0, 0, 0, 0, measuring_mode, 1]).unwrap();
+        ask(&mut device, &mut now, &Request::SetConfig(block).emit(), 500);
+        ask(&mut device, &mut now, &Request::Mode(OperatingMode::OnRequest).emit(), 500);
+        let said = ask(&mut device, &mut now, &Request::Scan.emit(), 1500);
+        let scan = Measurement::parse(&said[1][..said[1].len() - 1]).unwrap();
+        let largest = scan.raw_values().max().unwrap();
+        assert!((largest <= 255) == (measuring_mode == 0x3F), "{measuring_mode:02X}: {largest}");
+    }
+}
+
+/// As CARMEN asks for it, and reads it.
+#[test]
+fn remission_has_its_part_first_and_last_before_the_values() {
+    let remission = OperatingMode::StreamRemission(1, 181);
+    assert_eq!(Request::Mode(remission).emit()[4..12], [0x20, 0x2B, 1, 0, 1, 0, 181, 0]);
+    let (answer, telegram) = mode(SickModel::lms291(), remission);
+    let telegram = telegram.unwrap();
+    assert_eq!(answer, [0xA0, 0x00, 0x10]);
+    assert_eq!((&telegram[..9], telegram.len()), (&[0xF5, 1, 0, 1, 0, 181, 0, 181, 0][..], 9 + 4 * 181 + 1));
+    assert!(Measurement::parse(&telegram[..telegram.len() - 1]).is_some());
+}
+
+#[test]
+fn parts_come_in_turn_on_a_line_too_slow_for_all() {
+    let (mut device, mut now) = lms200();
+    device.set_baud(38_400);
+    ask(&mut device, &mut now, &Request::Mode(OperatingMode::StreamPartial).emit(), 200);
+    let said = ask(&mut device, &mut now, b"", 3000);
+    let sizes: Vec<usize> =
+        said.iter().map(|payload| Measurement::parse(&payload[..payload.len() - 1]).unwrap().len()).collect();
+    assert!(sizes.len() > 20 && sizes.windows(2).all(|pair| pair[0] + pair[1] == 361), "{sizes:?}");
+}
+
+#[test]
+fn modes_of_the_telegram_listing_are_taken() {
+    let done = [0xA0, 0x00, 0x10];
+    let mean = OperatingMode::StreamMeanSubrange(10, 91, 100);
+    let (answer, telegram) = mode(SickModel::lms200(), mean);
+    assert_eq!((&answer[..], &telegram.unwrap()[..8]), (&done[..], &[0xBF, 10, 91, 0, 100, 0, 10, 0x40][..]));
+    let watching = [0x20, 0x21, 0x22, 0x23, 0x29, 0x2C, 0x2D, 0x2E, 0x2F].map(OperatingMode::Watch);
+    for quiet in watching.into_iter().chain([OperatingMode::Diagnosis]) {
+        assert_eq!(mode(SickModel::lms200(), quiet), (done.to_vec(), None), "{quiet:?}");
+    }
+    let with_reflectivity = OperatingMode::StreamReflectivity(1, 181);
+    assert_eq!(mode(SickModel::lms200(), with_reflectivity).0, [0x92, 0x10], "an LMS200 does not have it");
+    assert_eq!(mode(SickModel::lms291(), with_reflectivity).0, done);
 }

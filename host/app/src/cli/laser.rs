@@ -110,6 +110,15 @@ fn parse_variant(text: &str) -> Result<(u16, u16), String> {
     if variant.is_possible() { Ok((variant.angle_deg, variant.resolution_cdeg)) } else { Err(expected.to_owned()) }
 }
 
+/// A rate that lasers of the family do not have would be as if nothing had been said, or worse.
+fn check_baud(family: LrfFamily, baud: u32) -> Result<(), String> {
+    if baud == 0 || family.rates().contains(&baud) {
+        return Ok(());
+    }
+    let rates: Vec<String> = family.rates().iter().map(u32::to_string).collect();
+    Err(format!("{} {family} does not have {baud} baud, only {}", family.names().article, rates.join(", ")))
+}
+
 impl LaserArgs {
     /// The laser that is meant; not recorded.
     pub(super) fn live(&self) -> anyhow::Result<LiveLaser> {
@@ -119,9 +128,8 @@ impl LaserArgs {
                 "a SICK LMS2xx cannot be reached over TCP: its rate must be changed, and a serial-to-network converter keeps its \
                  own; connect it to a serial port"
             );
-            let known = [0, 9_600, 19_200, 38_400, 500_000];
-            anyhow::ensure!(known.contains(&self.baud), "a SICK LMS2xx has 9600, 19200, 38400 and 500000 baud");
         }
+        self.lrf.0.map_or(Ok(()), |family| check_baud(family, self.baud)).map_err(anyhow::Error::msg)?;
         let any_family = self.lrf.0.is_none();
         anyhow::ensure!(!any_family || self.baud == 0, "--lrf auto finds the rate itself: --baud needs a laser's name");
         let options = LrfOptions {
@@ -165,6 +173,20 @@ pub(super) fn say(text: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rates_that_a_laser_does_not_have_are_refused() {
+        use LrfFamily::{Hokuyo, Ld06, Rplidar, SickLms2xx};
+        for (family, baud) in
+            [(Hokuyo, 0), (Hokuyo, 115_200), (SickLms2xx, 500_000), (Rplidar, 256_000), (Ld06, 230_400)]
+        {
+            assert_eq!(check_baud(family, baud), Ok(()));
+        }
+        for (family, baud) in [(Hokuyo, 9_600), (SickLms2xx, 115_200), (Rplidar, 9_600)] {
+            assert!(check_baud(family, baud).is_err(), "{family} {baud}");
+        }
+        assert_eq!(check_baud(Ld06, 115_200), Err("an LD06 does not have 115200 baud, only 230400".to_owned()));
+    }
 
     #[test]
     fn wrong_arguments_are_refused_in_words() {

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use lrfslam_core::geometry::Point2;
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
+use lrfslam_core::time::Duration;
 use lrfslam_lrf::driver::Identity;
 
 use super::laser::{LaserArgs, interrupt_flag, say, source_failure};
@@ -103,14 +104,22 @@ fn interrupted(what: &str) -> Failure {
 fn describe(identity: &Identity) -> String {
     let [from, to] = [identity.angle_min_rad, identity.angle_max_rad].map(f32::to_degrees);
     let mut text = String::new();
+    let beams = match identity.beams {
+        0 => String::new(),
+        beams => format!(", {beams} beams"),
+    };
+    let turns = match identity.turn {
+        Duration::ZERO => String::new(),
+        turn => format!("{:.1} turns a second", 1.0 / turn.as_secs_f32()),
+    };
     let lines = [
         ("model", identity.model.trim().to_owned()),
         ("serial", identity.serial.to_string()),
         ("firmware", identity.firmware.trim().to_owned()),
         ("state", identity.state.to_string()),
-        ("view", format!("{from:.2} to {to:.2} deg, {} beams", identity.beams)),
+        ("view", format!("{from:.2} to {to:.2} deg{beams}")),
         ("range", format!("up to {:.3} m", identity.range_max_m)),
-        ("mirror", format!("{:.1} turns a second", 1.0 / identity.turn.as_secs_f32())),
+        ("mirror", turns),
     ];
     for (name, value) in lines.iter().filter(|(_, value)| !value.is_empty()) {
         text.push_str(&format!("{name:<9} {value}\n"));
@@ -178,7 +187,17 @@ fn table(scan: &RangeScan<'_>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lrfslam_core::time::{Duration, Instant};
+    use lrfslam_core::time::Instant;
+
+    #[test]
+    fn what_a_sensor_does_not_say_is_not_told() {
+        let mut identity = Identity { beams: 682, turn: Duration::from_millis(100), ..Identity::default() };
+        let told = describe(&identity);
+        assert!(told.contains(", 682 beams") && told.contains("10.0 turns a second"), "{told}");
+        (identity.beams, identity.turn) = (0, Duration::ZERO);
+        let told = describe(&identity);
+        assert!(!told.contains("beams") && !told.contains("turns"), "{told}");
+    }
 
     #[test]
     fn plan_shows_a_wall_ahead() {

@@ -11,6 +11,7 @@ use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, run_input};
 use super::words::tell;
 use super::{Item, SourceReport, Take};
 use crate::scans::driver::LaserMemory;
+use crate::scans::family::LrfFamily;
 use crate::scans::recording::{RecordingEnd, RecordingReader};
 
 /// Gives a recorded driver its recorded inputs at their recorded times: it then says what it said.
@@ -26,7 +27,7 @@ pub(super) fn replay(path: &Path, fast: bool, stop: &AtomicBool, take: &mut Take
         if stop.load(Ordering::Relaxed) || !pace.wait_for(now, stop) {
             break;
         }
-        if give(driver.as_mut(), now, input, &mut report, take).is_break() {
+        if give(driver.as_mut(), now, input, &mut report, (options.family, take)).is_break() {
             break;
         }
     }
@@ -43,7 +44,7 @@ fn give(
     now: Instant,
     input: Input<'_>,
     report: &mut SourceReport,
-    take: &mut Take<'_>,
+    (family, take): (LrfFamily, &mut Take<'_>),
 ) -> ControlFlow<()> {
     let mut flow = ControlFlow::Continue(());
     let mut sink = |output: Output<'_>| {
@@ -56,7 +57,7 @@ fn give(
             flow = take(Item::Scan(scan));
             return;
         }
-        tell(event, &mut |message| flow = take(message.item()));
+        tell(event, Some(family), &mut |message| flow = take(message.item()));
     };
     run_input(driver, now, input, &mut sink);
     flow

@@ -3,11 +3,11 @@
 use super::{Ask, Dialogue};
 use crate::clock::{ClockOffset, MAX_EXCHANGES, PERIOD_24_BIT_MS, Stamp, StampUnwrapper};
 use crate::dialogue::{DialogueBase, Patience, Pending, State, wire_time};
-use crate::driver::{BaudRates, Cause, Identity};
+use crate::driver::{BaudPolicy, BaudRates, Cause, Identity, Step};
 use crate::hokuyo_scip::command::Acquire;
 use crate::hokuyo_scip::parameters::{SensorParameters, cut};
 use crate::hokuyo_scip::reply::{Reply, Status};
-use crate::session::Session;
+use crate::session::{Question as _, Session};
 use lrfslam_scan::time::{Duration, Instant};
 
 /// Rates of the `SS` command, the power-up rate first, bit/s.
@@ -43,6 +43,10 @@ impl Session for Dialogue<'_> {
         self.detours = 0;
         self.base.state = State::Pausing(Ask::Quit);
         self.base.patience = Patience::new(now, QUIET, QUIET_AT_MOST);
+    }
+
+    fn changes_rate(&self, ask: Ask) -> bool {
+        ask == Ask::Rate
     }
 
     fn attempts(&self, ask: Ask) -> u8 {
@@ -178,15 +182,18 @@ impl Dialogue<'_> {
             }
         }
         self.base.outbox.push(Pending::Identified);
-        let change = !self.is_usb && self.base.wants_raise(self.config.baud);
+        let change = !self.is_usb && self.base.wants_raise(self.config.baud, &RATES);
         if change { self.ask(now, Ask::Rate) } else { self.compare_clocks(now) }
     }
 
     fn on_rate(&mut self, now: Instant, status: Status) {
         if status != Status::OK {
-            // 03: it has that rate already; 04, 0F, 0E: this model cannot. Go on at the rate found.
+            // 03: it has that rate already; 02, 04, 0F, 0E: this model cannot. Go on at the rate found.
             if status != Status::code(3) {
                 self.base.raise_failures = u8::MAX;
+                if matches!(self.config.baud, BaudPolicy::Raise(_)) {
+                    self.base.warn(Step::RaiseBaud, Cause::Refused(status.bytes()), Ask::Rate.text());
+                }
             }
             return self.compare_clocks(now);
         }

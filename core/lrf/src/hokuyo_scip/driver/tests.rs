@@ -142,3 +142,58 @@ fn unplugging_is_told_and_replugging_begins_anew() {
     desk.give(Input::Connected);
     assert_eq!(desk.heard()[2..], ["the port: closed: unplugged?", "baud 19200", "|"]);
 }
+
+/// To the request for another rate.
+fn to_rate(desk: &mut Desk<HokuyoDriver<'_>>) {
+    while desk.said.last().unwrap() != "|" || !desk.said.contains(&String::from("baud 19200")) {
+        desk.wait();
+    }
+    desk.wait();
+    desk.reply("QT\n00P\n\n");
+    desk.reply(VERSION);
+    desk.reply(PARAMETERS);
+    desk.reply("II\n00P\nSTAT:well;8\n\n");
+    desk.heard();
+}
+
+#[test]
+fn stop_waits_until_both_sides_have_changed_their_rate() {
+    let (mut frame, mut beams) = ([0; 2300], [Beam::BLANK; 682]);
+    let config = HokuyoConfig { baud: BaudPolicy::Raise(115_200), ..HokuyoConfig::default() };
+    let mut desk = Desk::new(config, &mut frame, &mut beams);
+    to_rate(&mut desk);
+    desk.give(Input::Stop);
+    assert!(desk.heard().is_empty(), "the sensor would answer at the other rate");
+    desk.reply("SS115200\n00P\n\n");
+    assert_eq!(desk.heard(), ["baud 115200"]);
+    desk.wait();
+    assert_eq!(desk.heard(), ["|QT|"]);
+    desk.reply("QT\n00P\n\n");
+    assert_eq!(desk.heard(), ["Stopped { laser_off: true }"]);
+}
+
+#[test]
+fn refused_rate_is_told() {
+    let (mut frame, mut beams) = ([0; 2300], [Beam::BLANK; 682]);
+    let config = HokuyoConfig { baud: BaudPolicy::Raise(115_200), ..HokuyoConfig::default() };
+    let mut desk = Desk::new(config, &mut frame, &mut beams);
+    to_rate(&mut desk);
+    desk.reply("SS115200\n02R\n\n");
+    assert_eq!(desk.heard(), ["changing the baud rate: refused with status 02 to SS", "|TM0|"]);
+}
+
+#[test]
+fn rate_that_no_sensor_has_is_told_and_not_asked_for() {
+    let (mut frame, mut beams) = ([0; 2300], [Beam::BLANK; 682]);
+    let config = HokuyoConfig { baud: BaudPolicy::Raise(9600), ..HokuyoConfig::default() };
+    let mut desk = Desk::new(config, &mut frame, &mut beams);
+    desk.wait();
+    desk.reply("QT\n00P\n\n");
+    desk.reply(VERSION);
+    desk.reply(PARAMETERS);
+    desk.heard();
+    desk.reply("II\n00P\nSTAT:well;8\n\n");
+    let heard = desk.heard();
+    let said = "changing the baud rate: it does not have 9600 baud; the rate stays as it is";
+    assert_eq!((heard[1].as_str(), heard[2].as_str()), (said, "|TM0|"), "{heard:?}");
+}

@@ -2,7 +2,6 @@
 
 use super::RANGE_MAX_M;
 use crate::driver::Identity;
-use lrfslam_scan::time::Duration;
 
 /// Model, versions and serial number of an information response.
 ///
@@ -12,7 +11,6 @@ pub(super) fn describe(bytes: &[u8]) -> Identity {
     let mut identity = Identity {
         angle_min_rad: -core::f32::consts::PI,
         angle_max_rad: core::f32::consts::PI,
-        turn: Duration::from_millis(100),
         range_max_m: RANGE_MAX_M,
         ..Identity::default()
     };

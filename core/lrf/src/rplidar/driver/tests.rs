@@ -56,7 +56,7 @@ fn session_goes_from_finding_to_whole_turns() {
                 "is RPLIDAR model 0x18, hardware 7",
                 "MotorPower(660)",
                 "ExpressScan",
-                "Streaming { baud: 115200, period: Duration { micros: 100000 } }",
+                "Streaming { baud: 115200, period: Duration { micros: 0 } }",
             ]
         );
         for index in 0..40 {
@@ -72,7 +72,7 @@ fn session_goes_from_finding_to_whole_turns() {
 }
 
 #[test]
-fn damaged_packet_costs_its_turn() {
+fn damaged_packet_is_a_hole_in_its_turn() {
     let mut beams = [Beam::BLANK; BEAM_MEMORY];
     let mut desk = Desk::new(&mut beams);
     to_streaming(&mut desk, ResponseKind::DenseCapsule);
@@ -83,8 +83,9 @@ fn damaged_packet_costs_its_turn() {
         desk.now = desk.now + Duration::from_millis(8);
         desk.give(Input::Bytes(&bytes));
     }
-    assert_eq!(desk.heard().len(), 4, "of five whole turns");
-    assert_eq!(desk.driver.counters().damaged, 1);
+    assert_eq!(desk.heard().len(), 5, "all turns");
+    let counters = desk.driver.counters();
+    assert_eq!((counters.damaged, counters.incomplete), (1, 1));
 }
 
 #[test]
@@ -94,10 +95,19 @@ fn sensor_without_express_mode_is_scanned_the_old_way() {
     desk.wait();
     desk.reply(ResponseKind::Info, &INFO);
     desk.reply(ResponseKind::Health, &[0, 0, 0]);
-    desk.wait();
-    desk.wait();
+    (0..4).for_each(|_| desk.wait());
     desk.reply(ResponseKind::Sample, &[]);
-    assert_eq!(desk.heard()[7..10], ["ExpressScan", "ExpressScan", "Scan"]);
+    assert_eq!(
+        desk.heard()[7..13],
+        [
+            "ExpressScan",
+            "ExpressScan",
+            "ExpressScan",
+            "ExpressScan",
+            "starting scans: it has only a mode without check sums; damage on the line may go unseen",
+            "Scan"
+        ]
+    );
     for index in 0..1200_u32 {
         let angle = ((index * 64 % (360 * 64)) << 1 | 1) as u16;
         let [low, high] = angle.to_le_bytes();
@@ -116,6 +126,71 @@ fn sick_sensor_is_reset_and_told() {
     desk.reply(ResponseKind::Health, &[2, 9, 0]);
     assert_eq!(
         desk.heard()[5..],
-        ["Reset", "asking what it is: it reports a fault in itself, status 0x09 to request 52 (health)"]
+        ["Reset", "asking what it is: it reports a fault in itself, code 0x09 to request 52 (health)"]
     );
+}
+
+/// Turns of 60 packets whose corrections jump between 0 and `correction_deg`, and those that were not whole.
+fn turns_with_corrections(correction_deg: f32) -> (usize, u32) {
+    let mut beams = [Beam::BLANK; BEAM_MEMORY];
+    let mut desk = Desk::new(&mut beams);
+    to_streaming(&mut desk, ResponseKind::Capsule);
+    desk.heard();
+    for index in 0..400 {
+        let distances: Vec<u16> = (0..32).map(|sample| 1000 + sample).collect();
+        let start_deg = (index * 32) as f32 * 0.9 % 360.0;
+        let correction = if index % 3 == 0 { correction_deg } else { 0.0 };
+        desk.now = desk.now + Duration::from_millis(8);
+        desk.give(Input::Bytes(Capsule::build_corrected(false, index == 0, start_deg, &distances, correction).bytes()));
+    }
+    (desk.heard().len(), desk.driver.counters().incomplete)
+}
+
+#[test]
+fn no_turn_is_lost_where_corrections_jump() {
+    for correction_deg in [0.0, 1.0, 2.5, 5.0, 7.75] {
+        assert_eq!(turns_with_corrections(correction_deg), (31, 0), "{correction_deg} degrees");
+    }
+}
+
+/// Sample `index` of a sensor in the old mode, one every degree.
+fn old_sample(index: usize) -> [u8; 5] {
+    let [low, high] = (((index * 64 % (360 * 64)) << 1 | 1) as u16).to_le_bytes();
+    let start = u8::from(index % 360 == 0);
+    [0x3C | start | (1 - start) << 1, low, high, 0xA0, 0x0F]
+}
+
+#[test]
+fn angles_that_jump_cost_their_turn_in_the_old_mode() {
+    for damage in [0, 1] {
+        let mut beams = [Beam::BLANK; BEAM_MEMORY];
+        let mut desk = Desk::new(&mut beams);
+        desk.wait();
+        desk.reply(ResponseKind::Info, &INFO);
+        desk.reply(ResponseKind::Health, &[0, 0, 0]);
+        (0..4).for_each(|_| desk.wait());
+        desk.reply(ResponseKind::Sample, &[]);
+        desk.heard();
+        for index in 0..1600 {
+            let mut bytes = old_sample(index);
+            // Both check bits stay right.
+            bytes[2] ^= if damage == 1 && index == 700 { 0x10 } else { 0 };
+            desk.give(Input::Bytes(&bytes));
+        }
+        let counters = desk.driver.counters();
+        assert_eq!(
+            (desk.heard().len(), counters.incomplete, counters.damaged),
+            (3 - damage, damage as u32, damage as u32)
+        );
+    }
+}
+
+#[test]
+fn fault_is_told_by_its_number() {
+    let mut beams = [Beam::BLANK; BEAM_MEMORY];
+    let mut desk = Desk::new(&mut beams);
+    desk.wait();
+    desk.reply(ResponseKind::Info, &INFO);
+    desk.reply(ResponseKind::Health, &[2, 0x34, 0]);
+    assert!(desk.heard()[6].contains("a fault in itself, code 0x34 to"), "not the letter 4");
 }

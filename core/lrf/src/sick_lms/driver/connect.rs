@@ -30,10 +30,16 @@ impl Session for Dialogue<'_> {
         self.ask(now, Ask::Quiet);
     }
 
+    fn changes_rate(&self, ask: Ask) -> bool {
+        ask == Ask::Rate
+    }
+
     fn attempts(&self, ask: Ask) -> u8 {
         match ask {
             // The first may complete half a telegram in the sensor's buffer and be lost with it.
             Ask::Quiet | Ask::SetConfig => 1,
+            // Without it nobody knows which beams a scan has.
+            Ask::Status => 4,
             _ => 2,
         }
     }
@@ -143,7 +149,7 @@ impl Dialogue<'_> {
             self.fault_reported = false;
         } else if !self.fault_reported {
             self.fault_reported = true;
-            self.base.warn(Step::Stream, Cause::HardwareFault([status.0, 0]), "");
+            self.base.warn(Step::Stream, Cause::FaultCode(u16::from(status.0)), "");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! What the sensor is, and what it is to be.
 
-use super::{Ask, Dialogue};
+use super::{Ask, Dialogue, RATES};
 use crate::dialogue::Pending;
 use crate::driver::{Cause, Identity, Step};
 use crate::session::{Question as _, Session as _};
@@ -29,8 +29,11 @@ impl Dialogue<'_> {
             (Ask::Rate, ReplyBody::Mode(ModeResult::Done)) => {
                 self.base.change_rate(now, self.config.baud.wanted(), SETTLE, Ask::VerifyRate);
             }
-            (Ask::VerifyRate, ReplyBody::Status(_)) => {
+            (Ask::VerifyRate, ReplyBody::Status(report)) => {
                 self.base.last_good_baud = self.base.baud;
+                if report.variant().is_possible() {
+                    (self.variant, self.variant_known) = (report.variant(), true);
+                }
                 self.after_rate(now);
             }
             (Ask::Variant, ReplyBody::Variant(taken, variant)) => {
@@ -110,7 +113,7 @@ impl Dialogue<'_> {
         if self.layout().is_none() && !self.wants_config() {
             return self.fail(now, Ask::Config, Cause::BadParameters);
         }
-        let change = self.base.wants_raise(self.config.baud);
+        let change = self.base.wants_raise(self.config.baud, &RATES);
         if change { self.ask(now, Ask::Rate) } else { self.after_rate(now) }
     }
 

@@ -1,8 +1,9 @@
 //! From the first scan to the last.
 
-use super::Dialogue;
+use super::{Ask, Dialogue};
 use crate::dialogue::{State, scan_wait, wire_time};
 use crate::driver::Cause;
+use crate::session::Session as _;
 use crate::sick_lms::measurement::Measurement;
 use crate::sick_lms::reply::{Reply, ReplyBody};
 use crate::sick_lms::request::Variant;
@@ -17,6 +18,7 @@ impl Dialogue<'_> {
     pub(super) fn begin_streaming(&mut self, now: Instant) {
         let period = self.scan_period();
         let first = scan_wait(period, Duration::from_millis(1500));
+        self.beat.restart();
         self.base.begin_streaming(now, self.base.baud, period, first);
     }
 
@@ -34,7 +36,10 @@ impl Dialogue<'_> {
     fn on_scan(&mut self, now: Instant, measurement: &Measurement<'_>, length: usize) {
         // A sensor that did not say its field of view shows it: each has another number of values.
         if let Some(variant) = Variant::with_values(measurement.len()).filter(|_| !self.variant_known) {
-            self.variant = variant;
+            (self.variant, self.variant_known) = (variant, true);
+            if self.streams_turns() {
+                return self.ask(now, Ask::StreamTurns);
+            }
         }
         let Some(layout) = self.layout() else { return };
         let Ok(shape) = layout.read(measurement, self.memory.beams) else {
@@ -43,7 +48,10 @@ impl Dialogue<'_> {
         // Both are no earlier than the truth: reading late makes the first late, reading in pieces the second.
         let first_byte = Instant::from_micros(now.micros - wire_time(length + OVERHEAD, self.base.baud).micros);
         let left = self.telegram_began.min(first_byte);
-        let stamp = Instant::from_micros(left.micros - shape.sweep.micros - self.config.latency.micros);
+        let began = Instant::from_micros(left.micros - shape.sweep.micros);
+        let turns = self.scan_period().micros / TURN.micros;
+        let stamp = self.beat.stamp(began, turns as u32);
+        let stamp = Instant::from_micros(stamp.micros - self.config.latency.micros);
         self.memory.keep(shape.beams, stamp, shape.range_max_m);
         self.base.announce_scan();
         self.base.wait(now, scan_wait(self.scan_period(), Duration::from_millis(500)));
@@ -64,12 +72,15 @@ impl Dialogue<'_> {
 
     fn bad(&mut self, now: Instant) {
         if self.base.state == State::Streaming {
+            self.beat.gap();
             self.base.bad_scan(now, MAX_BAD);
         }
     }
 
     pub(super) fn streams_turns(&self) -> bool {
-        self.config.each_turn && self.variant.turns() > 1 && !self.turns_refused
+        let wire = wire_time(2 * usize::from(self.variant.values_of_turn(0)) + 4 + OVERHEAD, self.base.baud);
+        let line_suffices = wire.micros < TURN.micros;
+        self.config.each_turn && self.variant.turns() > 1 && !self.turns_refused && line_suffices
     }
 
     /// From one scan to the next: whole mirror turns, as many as the line needs.

@@ -12,9 +12,14 @@ impl<'a> Desk<SickDriver<'a>> {
     }
 
     fn reply(&mut self, payload: &[u8]) {
+        self.now = self.now + Duration::from_millis(10);
+        self.reply_now(payload);
+    }
+
+    fn reply_now(&mut self, payload: &[u8]) {
         let mut out = [telegram::ACK; telegram::MAX_TELEGRAM + 1];
         let length = telegram::emit(Direction::ToHost, payload, &mut out[1..]).unwrap();
-        self.answer(Duration::from_millis(10), &out[..=length]);
+        self.answer(Duration::ZERO, &out[..=length]);
     }
 }
 
@@ -55,9 +60,9 @@ fn scan(values: u16, turn: Option<u8>) -> Vec<u8> {
 #[test]
 fn session_goes_from_finding_to_a_scan() {
     let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
-    let config_38400 = SickConfig { baud: BaudPolicy::Raise(38_400), ..SickConfig::default() };
-    let mut desk = Desk::new(config_38400, &mut bytes, &mut beams);
-    assert_eq!(desk.heard(), ["baud 38400", "20 25"]);
+    let fast = SickConfig { baud: BaudPolicy::Raise(500_000), ..SickConfig::default() };
+    let mut desk = Desk::new(fast, &mut bytes, &mut beams);
+    assert_eq!(desk.heard(), ["baud 500000", "20 25"]);
     desk.wait();
     desk.wait();
     assert_eq!(desk.heard(), ["20 25", "baud 9600", "20 25"]);
@@ -65,11 +70,11 @@ fn session_goes_from_finding_to_a_scan() {
     desk.reply(&[&[0xBA][..], b"LMS200;301063;V02.30 ", &[0x10]].concat());
     desk.reply(&status(50));
     desk.reply(&config());
-    assert_eq!(desk.heard(), ["Found { baud: 9600 }", "3A", "31", "74", "20 40"]);
+    assert_eq!(desk.heard(), ["Found { baud: 9600 }", "3A", "31", "74", "20 48"]);
     desk.reply(&DONE);
     desk.wait();
     desk.reply(&status(50));
-    assert_eq!(desk.heard(), ["baud 38400", "31", "is LMS200;301063;V02.30 , V02.30 ", "20 2A"]);
+    assert_eq!(desk.heard(), ["baud 500000", "31", "is LMS200;301063;V02.30 , V02.30 ", "20 2A"]);
     desk.reply(&DONE);
     desk.reply(&scan(180, Some(2)));
     desk.reply(&scan(181, Some(0)));
@@ -85,7 +90,8 @@ fn session_goes_from_finding_to_a_scan() {
 #[test]
 fn sensor_that_refuses_turns_streams_whole_scans() {
     let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
-    let mut desk = Desk::new(SickConfig::default(), &mut bytes, &mut beams);
+    let fast = SickConfig { baud: BaudPolicy::NoRate, ..SickConfig::default() };
+    let mut desk = Desk::new(fast, &mut bytes, &mut beams);
     desk.reply(&DONE);
     desk.reply(&[0x92, 0x10]);
     desk.reply(&status(50));
@@ -175,4 +181,87 @@ fn sensor_that_knows_nothing_but_streaming_gives_scans() {
     desk.reply(&scan(361, None));
     assert_eq!(desk.heard().last().unwrap(), "scan of 361");
     assert!(desk.now.micros < 8_000_000);
+}
+
+/// To the request for scans, of a sensor that answers all but its status.
+fn to_stream_without_status(desk: &mut Desk<SickDriver<'_>>) {
+    desk.reply(&DONE);
+    desk.reply(&[&[0xBA][..], b"LMS200;301063;V02.30 ", &[0x10]].concat());
+    while desk.said.last().unwrap() != "74" {
+        desk.wait();
+    }
+    desk.reply(&config());
+}
+
+#[test]
+fn scans_show_the_resolution_that_the_sensor_could_not_say() {
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
+    let fast = SickConfig { baud: BaudPolicy::NoRate, ..SickConfig::default() };
+    let mut desk = Desk::new(fast, &mut bytes, &mut beams);
+    to_stream_without_status(&mut desk);
+    assert_eq!(desk.said.iter().filter(|said| *said == "31").count(), 5, "asked again");
+    assert_eq!(desk.said.last().unwrap(), "20 24");
+    desk.reply(&DONE);
+    desk.heard();
+    desk.reply(&scan(361, None));
+    assert_eq!(desk.heard(), ["20 2A"], "two turns a scan: each on its own is wanted");
+    desk.reply(&DONE);
+    desk.reply(&scan(180, Some(2)));
+    assert_eq!(desk.heard().last().unwrap(), "scan of 180");
+}
+
+#[test]
+fn line_too_slow_for_every_turn_gets_whole_scans() {
+    for (baud, stream) in [(38_400, "20 24"), (500_000, "20 2A")] {
+        let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
+        let config_at = SickConfig { baud: BaudPolicy::Raise(baud), ..SickConfig::default() };
+        let mut desk = Desk::new(config_at, &mut bytes, &mut beams);
+        desk.reply(&DONE);
+        desk.reply(&[0xBA, 0x10]);
+        desk.reply(&status(50));
+        desk.reply(&config());
+        assert_eq!(desk.heard().last().unwrap(), stream, "{baud}");
+    }
+}
+
+#[test]
+fn rate_that_no_sensor_has_is_told_and_not_tried() {
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
+    let config_at = SickConfig { baud: BaudPolicy::Raise(115_200), ..SickConfig::default() };
+    let mut desk = Desk::new(config_at, &mut bytes, &mut beams);
+    desk.reply(&DONE);
+    desk.reply(&[0xBA, 0x10]);
+    desk.reply(&status(100));
+    desk.reply(&config());
+    let heard = desk.heard();
+    let said = "changing the baud rate: it does not have 115200 baud; the rate stays as it is";
+    assert!(heard.iter().any(|text| text == said), "{heard:?}");
+    assert!(heard.iter().all(|text| text != "baud 115200") && heard.last().unwrap() == "20 24", "{heard:?}");
+}
+
+/// 75 scans a second, of which a reader that is stopped now and then reads some at once.
+#[test]
+fn stamps_keep_the_mirrors_beat_while_the_reader_is_stopped() {
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
+    let fast = SickConfig { baud: BaudPolicy::NoRate, ..SickConfig::default() };
+    let mut desk = Desk::new(fast, &mut bytes, &mut beams);
+    desk.reply(&DONE);
+    desk.reply(&[0xBA, 0x10]);
+    desk.reply(&status(100));
+    desk.reply(&config());
+    desk.reply(&DONE);
+    desk.heard();
+    let began = desk.now;
+    let mut stamps = Vec::new();
+    for turn in 0..1376_i64 {
+        let complete = began.micros + turn * 1_000_000 / 75;
+        let since_stop = (complete - began.micros) % 3_000_000 - 1_500_000;
+        let read = if (0..300_000).contains(&since_stop) { complete + 300_000 - since_stop } else { complete };
+        desk.now = desk.now.max(Instant::from_micros(read));
+        desk.reply_now(&scan(181, None));
+        stamps.push(desk.driver.dialogue.memory.scan().stamp.micros + 6666 - complete);
+    }
+    assert_eq!(desk.heard().len(), 1376);
+    let (least, most) = (stamps.iter().min().unwrap(), stamps.iter().max().unwrap());
+    assert!(*least > -500 && *most < 500, "{least} to {most} us");
 }

@@ -1,0 +1,115 @@
+//! From the first sample to the last.
+
+use super::{Ask, Dialogue, MAX_BAD, RANGE_MAX_M, SILENCE};
+use crate::beat::BeatClock;
+use crate::dialogue::State;
+use crate::rplidar::response::{Capsule, Measured, parse_sample};
+use crate::turn::{Sample, sample_time};
+use lrfslam_scan::Echo;
+use lrfslam_scan::time::{Duration, Instant};
+
+/// Half a turn of the fastest motor: after a longer loss nobody knows how often it turned meanwhile.
+const HALF_A_TURN: Duration = Duration::from_millis(33);
+/// In the sample mode angles grow from one sample to the next, by no more than this; a little less for their errors, degrees.
+const SAMPLE_STEP_DEG: core::ops::Range<f32> = -3.0..12.0;
+/// A turn starts within this of straight ahead, degrees.
+const START_DEG: f32 = 15.0;
+
+impl Dialogue<'_> {
+    pub(super) fn begin_streaming(&mut self, now: Instant, wait: Duration) {
+        self.beat = None;
+        self.finder = Default::default();
+        self.last_sample_deg = None;
+        self.base.begin_streaming(now, self.base.baud, self.base.identity.turn, wait);
+    }
+
+    /// The samples of a packet lie between its start and that of the next.
+    pub(super) fn on_capsule(&mut self, now: Instant, capsule: Capsule) {
+        if self.base.state != State::Streaming {
+            return;
+        }
+        self.base.bad_in_a_row = 0;
+        self.base.wait(now, SILENCE);
+        if capsule.starts() {
+            self.turns.forget();
+            self.previous = None;
+        }
+        let end = self.packet_end(now);
+        if let Some(previous) = self.previous.replace(capsule.clone()) {
+            let measured = previous.samples(&capsule);
+            let count = measured.len();
+            let taken = end.since(self.previous_end).micros.clamp(0, 100_000);
+            let each = Duration::from_micros(taken / count.max(1) as i64);
+            // When a packet arrives, its last sample is as old as it; the samples read now are those of the one before.
+            let end = self.previous_end;
+            let samples = measured.into_iter().enumerate();
+            self.publish(samples.map(|(index, measured)| sample(measured, sample_time(end, index, count, each))));
+        } else if end.since(self.previous_end).micros > HALF_A_TURN.micros {
+            self.turns.spoil();
+        }
+        self.previous_end = end;
+    }
+
+    /// When the last sample of the packet that came now was taken: packets have a beat, which is to be found first.
+    fn packet_end(&mut self, now: Instant) -> Instant {
+        if let Some(beat) = &mut self.beat {
+            return beat.stamp(now, 1);
+        }
+        self.beat = self.finder.hear(now).map(BeatClock::new);
+        now
+    }
+
+    /// A sample of the old mode, whose two check bits are right. What else can be checked: angles grow, turns start ahead.
+    pub(super) fn on_sample(&mut self, now: Instant, bytes: &[u8]) {
+        let Some((measured, starts)) = parse_sample(bytes) else { return };
+        self.base.wait(now, SILENCE);
+        let degrees = measured.clockwise_deg;
+        let step = self.last_sample_deg.replace(degrees).map_or(0.0, |last| {
+            let step = degrees - last;
+            if step < -180.0 { step + 360.0 } else { step }
+        });
+        let is_ahead = !(START_DEG..360.0 - START_DEG).contains(&degrees);
+        if !SAMPLE_STEP_DEG.contains(&step) || (starts && !is_ahead) {
+            // Either this one or the one before is wrong: the next shows where it goes on.
+            self.last_sample_deg = None;
+            self.turns.spoil();
+            self.base.count_refused();
+            return self.base.bad_scan(now, MAX_BAD);
+        }
+        self.publish(core::iter::once(sample(measured, now)));
+    }
+
+    fn publish(&mut self, samples: impl Iterator<Item = Sample>) {
+        if self.turns.add(samples) {
+            self.base.announce_scan();
+        }
+    }
+
+    /// What was damaged leaves a hole; in the old mode, where damage may be anywhere before, it costs the turn.
+    pub(super) fn count_damaged(&mut self, now: Instant, damaged: u32) {
+        if self.base.is_damage_new(damaged) && self.base.state == State::Streaming {
+            if self.unchecked {
+                self.turns.spoil();
+                self.last_sample_deg = None;
+            }
+            self.previous = None;
+            self.beat.iter_mut().for_each(BeatClock::gap);
+            self.base.bad_scan(now, MAX_BAD);
+        }
+    }
+
+    /// No express mode: scans in the old way, and says so.
+    pub(super) fn scan_unchecked(&mut self, now: Instant) {
+        use crate::driver::{Cause, Step};
+        use crate::session::Session as _;
+        self.unchecked = true;
+        self.base.warn(Step::Start, Cause::Unchecked, "");
+        self.ask(now, Ask::Scan);
+    }
+}
+
+fn sample(measured: Measured, at: Instant) -> Sample {
+    let range_m = measured.distance_mm / 1000.0;
+    // 0 is no measurement: it frees nothing.
+    Sample { clockwise_deg: measured.clockwise_deg, at, echo: Echo::from_range(range_m, RANGE_MAX_M) }
+}
