@@ -11,7 +11,7 @@ mod render;
 mod sweeps;
 
 pub use client::{ClientMemory, Recall, RobotClient, RobotEvent, Told};
-pub use journal::{JOURNAL, Journal};
+pub use journal::{JOURNAL, Journal, Skipped};
 pub use link::{LinkEvent, RobotLink};
 pub use map::{RobotMap, Tiles};
 pub use sweeps::{Sweeps, ToldSweep};

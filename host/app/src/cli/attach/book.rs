@@ -72,7 +72,11 @@ impl<'a> Book<'a> {
                 let (last, place) = last_life(out).ok_or_else(none).map_err(Failure::Start)?;
                 let stored = ResultFolder::go_on(&place, JOURNAL)
                     .and_then(|stored| RobotRun::resume(stored, config.robot_setup(), args.seed.seed));
-                (run, life) = (Some(stored.map_err(Failure::Start)?), last);
+                let stored = stored.map_err(Failure::Start)?;
+                if let Some(skipped) = stored.skipped() {
+                    say(&format!("{}: {skipped}; the file stays as it is", stored.folder().growing(JOURNAL).display()));
+                }
+                (run, life) = (Some(stored), last);
             }
             None => folder = Some(args.out.folder("robot")?),
         }
@@ -151,6 +155,7 @@ impl<'a> Book<'a> {
         }
         let stored = self.run.as_mut().map_or(Ok(()), |run| run.take(told));
         stored.unwrap_or_else(|fault| self.fail(fault));
+        self.run.as_mut().and_then(RobotRun::journal_news).iter().for_each(|news| say(news));
         match told.message() {
             Some(FromRobot::Identity(identity)) => {
                 let state = if identity.is_configured { "mapping already" } else { "waiting" };
@@ -199,6 +204,9 @@ impl<'a> Book<'a> {
     /// Writes what is known of the robot's life; a fault makes any ending a failure.
     pub(super) fn close(&mut self, ending: Ending, why: Option<&anyhow::Error>) {
         let Some(mut run) = self.run.take() else { return };
+        if let Err(error) = run.finish_journal() {
+            say(&format!("{}: {error}", run.folder().growing(JOURNAL).display()));
+        }
         // Without a scan what was there before stays; a robot that is left mapping is resumed by the journal.
         if run.map().scans().is_empty() {
             if !self.args.keep_running && !self.args.resume {
