@@ -134,6 +134,8 @@ pub struct RobotCounts {
     pub missing_scans: u32,
     /// Scans not told with their beams, for want of room on the link.
     pub untold_sweeps: u32,
+    /// Scans that it left out because it maps slower than they come.
+    pub late_scans: u32,
     /// Scans larger than its memory.
     pub refused_scans: u32,
     /// Particles that went because no map tile was free.

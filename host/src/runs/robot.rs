@@ -11,7 +11,7 @@ use crate::mapping::high::HighCounts;
 use crate::maps::io::{PGM_SIDE_MAX, write_map};
 use crate::output::ResultFolder;
 use crate::results::report::{Ending, RobotCounts, RunReport, Source};
-use crate::robot::{JOURNAL, Journal, RobotMap, Skipped, Told};
+use crate::robot::{Absurd, JOURNAL, Journal, Judge, RobotMap, Skipped, Told};
 
 /// How a robot's map is made.
 #[derive(Debug, Clone)]
@@ -32,6 +32,7 @@ pub struct RobotRun<C> {
     /// The program's, for the report and the saved map.
     config: C,
     run: Run<'static, RobotMap>,
+    judge: Judge,
     journal: Journal,
     /// Of the journal that was gone on with.
     skipped: Skipped,
@@ -63,7 +64,13 @@ impl<C: Serialize + Clone> RobotRun<C> {
         let journal = Journal::resume(&path, |message| told.push((message.at, message.bytes.to_vec())))?;
         let run = Run::told(&setup.mapping, seed)?;
         let mut run = Self::new(setup, run, journal, folder);
-        told.iter().try_for_each(|(at, bytes)| run.hear(&Told { at: *at, bytes }))?;
+        for (at, bytes) in &told {
+            match run.hear(&Told { at: *at, bytes }) {
+                // It was refused then, too.
+                Err(error) if error.is::<Absurd>() => run.skipped.messages += 1,
+                heard => heard?,
+            }
+        }
         Ok(run)
     }
 
@@ -79,6 +86,7 @@ impl<C: Serialize + Clone> RobotRun<C> {
             robot_from_lrf,
             config,
             run,
+            judge: Judge::default(),
             journal,
             skipped,
             folder,
@@ -91,7 +99,7 @@ impl<C: Serialize + Clone> RobotRun<C> {
     /// Takes a message; it is in the journal when this returns, or waits in memory for a disk without room.
     ///
     /// # Errors
-    /// If a scan is too large for the high level.
+    /// [`Absurd`] if no robot says that: it changes nothing. If a scan is too large for the high level.
     pub fn take(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
         // A message of the link's fits a frame.
         let _ = self.journal.add(told);
@@ -119,6 +127,7 @@ impl<C: Serialize + Clone> RobotRun<C> {
     fn hear(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
         self.progress = Some(Progress { epoch: told.at.epoch, next: told.at.next.wrapping_add(1) });
         let Some(message) = told.message() else { return Ok(()) };
+        self.judge.check(&message)?;
         if let FromRobot::Identity(identity) = &message {
             identity.board.clone_into(&mut self.board);
         }
@@ -187,7 +196,7 @@ impl<C: Serialize + Clone> RobotRun<C> {
     }
 
     fn counts(&self, damaged_frames: u32) -> RobotCounts {
-        let Status { untold_sweeps, refused_scans, dropped_particles, damaged, restarts, .. } = self.status;
+        let Status { untold_sweeps, late_scans, refused_scans, dropped_particles, damaged, restarts, .. } = self.status;
         let Status { tiles_left, tiles_restored, tiles_forgotten, .. } = self.status;
         RobotCounts {
             board: self.board.clone(),
@@ -195,6 +204,7 @@ impl<C: Serialize + Clone> RobotRun<C> {
             is_map_complete: self.map().is_complete(),
             missing_scans: self.map().missing_scans(),
             untold_sweeps,
+            late_scans,
             refused_scans,
             dropped_particles,
             tiles_left,

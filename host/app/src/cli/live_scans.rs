@@ -19,6 +19,7 @@ use super::localize::Start;
 use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
 use super::progress::Progress;
+use super::room::ensure_room;
 use super::shared::{ConfigArgs, SeedArgs, TellArgs};
 use super::summary::{partial_notice, summary};
 use crate::config::About;
@@ -98,6 +99,7 @@ impl Mapping {
             None => RunConfig::default(),
         };
         let config = self.particles.load_over(defaults, &self.config)?;
+        ensure_room(&config).map_err(Failure::Start)?;
         Ok(Plan { args: self, config, saved, odometry: false, stop })
     }
 }

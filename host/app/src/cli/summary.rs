@@ -173,6 +173,7 @@ fn robot_notes(robot: &RobotCounts) -> Vec<Note> {
         (!robot.is_map_complete, "the robot has not told all of its map: robot-map.pgm is what came".to_owned()),
         (missing_scans > 0, format!("{} lost while the link was away for too long", scans(missing_scans))),
         (untold_sweeps > 0, format!("{} came without their beams: the link is too slow", scans(untold_sweeps))),
+        (robot.late_scans > 0, format!("{} left out: the robot is too slow for its laser", scans(robot.late_scans))),
         (tiles_forgotten > 0, format!("{tiles} of the robot's map lost: its memory was full while no host was there")),
         (
             refused_scans > 0,
