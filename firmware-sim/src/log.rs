@@ -12,7 +12,7 @@ use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
 use rand_pcg::Pcg32;
 
-use crate::drive::{Drive, FloorPose};
+use crate::drive::{Drive, FloorPose, LONGEST_S};
 use crate::lrf_model::{LrfModel, SimulatedLrf};
 use crate::scenario::Scenario;
 use crate::tilt::Encoder;
@@ -63,6 +63,17 @@ pub enum LogError {
         most: f64,
         /// What was asked for, Hz.
         found: f64,
+    },
+    /// A drive of no length, or a longer one than any route may take.
+    #[error("a drive of 0 to {LONGEST_S} s is expected, found {0}")]
+    Seconds(f64),
+    /// More scans than a laser takes in the longest drive.
+    #[error("at most {most} scans are expected, which is {LONGEST_S} s of the laser, found {found}")]
+    Count {
+        /// So many fit.
+        most: usize,
+        /// What was asked for.
+        found: usize,
     },
     /// A file cannot be written.
     #[error("the log cannot be written")]
@@ -138,12 +149,19 @@ pub fn write_log(scenario: &Scenario, plan: &LogPlan, files: &mut LogFiles<'_>) 
 fn times(drive: &Drive, plan: &LogPlan) -> Result<Vec<Instant>, LogError> {
     match plan.pace {
         Pace::Count(count) => {
+            let most = (LONGEST_S * plan.lrf.rate_hz) as usize;
+            if count > most {
+                return Err(LogError::Count { most, found: count });
+            }
             let times = drive.spread(count);
             if times.is_empty() { Err(LogError::NoRoute) } else { Ok(times) }
         }
         Pace::Rate { hz, seconds } => {
             if !(hz > 0.0 && hz <= plan.lrf.rate_hz) {
                 return Err(LogError::Rate { name: plan.lrf.name, most: plan.lrf.rate_hz, found: hz });
+            }
+            if let Some(seconds) = seconds.filter(|seconds| !(0.0..=LONGEST_S).contains(seconds)) {
+                return Err(LogError::Seconds(seconds));
             }
             let end = drive.end().map(|end| end.as_secs_f64());
             let seconds = seconds.map_or(end, |most| Some(end.map_or(most, |end| end.min(most))));
@@ -263,6 +281,12 @@ mod tests {
             error.to_string(),
             "lms200 takes 75 scans a second: a rate above 0 and up to that is expected, found 80"
         );
+        for seconds in [f64::INFINITY, f64::NAN, 1e308, -1.0] {
+            let error = written(&plan(Pace::Rate { hz: 5.0, seconds: Some(seconds) })).unwrap_err().to_string();
+            assert!(error.starts_with("a drive of 0 to 36000 s is expected, found "), "{error}");
+        }
+        let error = written(&plan(Pace::Count(usize::MAX))).unwrap_err().to_string();
+        assert!(error.starts_with("at most 2700000 scans are expected"), "{error}");
         let room = Scenario::load("room").unwrap();
         let [mut log, mut truth]: [Vec<u8>; 2] = Default::default();
         let mut files = LogFiles { log: &mut log, truth: &mut truth, tilted: None, tilt: None };

@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use flate2::{Compression, GzBuilder, write::GzEncoder};
 use lrfslam_firmware_sim::log::{LogFiles, LogPlan, Pace, write_log};
@@ -73,6 +73,7 @@ pub fn run(args: &LogArgs) -> Result<()> {
     };
     let plan = LogPlan { lrf: args.laser()?, pace, snapshot: args.snapshot, seed: args.seed };
     let truth_name = args.truth.clone().unwrap_or_else(|| beside(&args.out));
+    ensure_apart(&args.outputs(&truth_name))?;
     let (mut log, mut truth) = (Output::create(&args.out)?, Output::create(&truth_name)?);
     let mut tilted = args.tilted.as_deref().map(Output::create).transpose()?;
     let mut tilt = args.tilt.as_deref().map(Output::create).transpose()?;
@@ -109,6 +110,12 @@ pub fn run(args: &LogArgs) -> Result<()> {
 }
 
 impl LogArgs {
+    /// Files that are written, and the options that name them.
+    fn outputs<'a>(&'a self, truth: &'a PathBuf) -> [(&'static str, Option<&'a PathBuf>); 4] {
+        let [tilted, tilt] = [self.tilted.as_ref(), self.tilt.as_ref()];
+        [("--out", Some(&self.out)), ("--truth", Some(truth)), ("--tilted", tilted), ("--tilt", tilt)]
+    }
+
     fn laser(&self) -> Result<LrfModel> {
         let mut lrf = self.lrf;
         if let Some(resolution_deg) = self.resolution {
@@ -129,8 +136,27 @@ impl LogArgs {
 
 /// Two numbers, m.
 fn place(text: &str) -> Result<[f64; 2], String> {
-    let numbers = text.split_once(',').and_then(|(x, y)| Some([x.trim().parse().ok()?, y.trim().parse().ok()?]));
+    let number = |text: &str| text.trim().parse().ok().filter(|metres: &f64| metres.abs() <= 1e6);
+    let numbers = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
     numbers.ok_or_else(|| "expected X,Y in metres, e.g. 29.5,9.5".to_owned())
+}
+
+/// No two files are one: the second would be written over the first. Devices may be shared.
+fn ensure_apart(named: &[(&str, Option<&PathBuf>)]) -> Result<()> {
+    let mut known: Vec<(&str, PathBuf)> = Vec::new();
+    for (name, path) in named.iter().filter_map(|(name, path)| Some((*name, (*path)?))) {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let there = fs::canonicalize(path).ok();
+        let is_file = there.as_ref().is_none_or(|file| file.is_file());
+        let new = || fs::canonicalize(folder).ok().zip(path.file_name()).map(|(folder, name)| folder.join(name));
+        let Some(whole) = there.or_else(new).filter(|_| is_file) else { continue };
+        let other = known.iter().find(|(_, file)| *file == whole);
+        if let Some((other, _)) = other {
+            bail!("{other} and {name} are the same file: {}", path.display());
+        }
+        known.push((name, whole));
+    }
+    Ok(())
 }
 
 /// A model by its name.
@@ -240,6 +266,29 @@ mod tests {
         let named = |log: &str| beside(Path::new(log)).display().to_string();
         assert_eq!(named("a/drive.log.gz"), "a/drive.tum");
         assert_eq!([named("drive.log"), named("drive")], ["drive.tum", "drive.tum"]);
+    }
+
+    #[test]
+    fn two_outputs_are_not_one_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let (a, b) = (folder.path().join("a.log"), folder.path().join("./a.log"));
+        let apart = |first: &Path, second: &Path| {
+            ensure_apart(&[("--out", Some(&first.to_owned())), ("--truth", Some(&second.to_owned())), ("--tilt", None)])
+        };
+        assert!(apart(&a, &b).unwrap_err().to_string().starts_with("--out and --truth are the same file"));
+        fs::write(&a, "").unwrap();
+        std::os::unix::fs::symlink("a.log", folder.path().join("link")).unwrap();
+        assert!(apart(&a, &folder.path().join("link")).is_err());
+        assert!(apart(&a, &folder.path().join("a.tum")).is_ok());
+        assert!(apart(Path::new("/dev/null"), Path::new("/dev/null")).is_ok());
+    }
+
+    #[test]
+    fn places_are_within_reach() {
+        assert_eq!(place("1.5, -2"), Ok([1.5, -2.0]));
+        for text in ["nan,0", "inf,0", "0,1e308", "1", "a,b"] {
+            assert!(place(text).is_err(), "{text}");
+        }
     }
 
     #[test]

@@ -169,7 +169,13 @@ fn serve(arguments: &ServeArgs) -> Result<()> {
     }
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
-    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("catching ctrl-C")?;
+    // A second one ends it at once.
+    let end = move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    };
+    ctrlc::set_handler(end).context("catching ctrl-C")?;
     let say = |text: String| {
         if !arguments.quiet {
             eprintln!("{text}");

@@ -155,6 +155,7 @@ impl Scenario {
     /// See [`ScenarioError`].
     pub fn parse(text: &str, file: &str, folder: &Path) -> Result<Self, ScenarioError> {
         let content: WorldFile = toml::from_str(text).map_err(|error| in_toml(text, file, &error))?;
+        numbers_are_sane(text, file)?;
         let source = Source { text, file };
         let mut world = World::default();
         let (height_m, at) =
@@ -225,6 +226,33 @@ impl Source<'_> {
     }
 }
 
+/// Places and sizes are no larger, m, and nothing else of a world is either.
+const NUMBER_MAX: f64 = 1e6;
+
+/// Every number is one that a world can have: where it stands is looked for only if one is not.
+fn numbers_are_sane(text: &str, file: &str) -> Result<(), ScenarioError> {
+    fn is_sane(value: &toml::Value) -> bool {
+        match value {
+            toml::Value::Float(number) => number.abs() <= NUMBER_MAX,
+            toml::Value::Integer(number) => number.unsigned_abs() <= NUMBER_MAX as u64,
+            toml::Value::Array(values) => values.iter().all(is_sane),
+            toml::Value::Table(values) => values.values().all(is_sane),
+            _ => true,
+        }
+    }
+    let table: toml::Table = toml::from_str(text).map_err(|error| in_toml(text, file, &error))?;
+    if table.values().all(is_sane) {
+        return Ok(());
+    }
+    let is_absurd = |word: &str| {
+        word.replace('_', "").parse::<f64>().is_ok_and(|number| number.is_nan() || number.abs() > NUMBER_MAX)
+    };
+    let words = |line: &str| line.split([' ', '\t', '=', ',', '[', ']', '{', '}']).any(is_absurd);
+    let (line, content) = (1..).zip(text.lines()).find(|(_, line)| words(line)).unwrap_or((1, ""));
+    let message = format!("expected numbers from -{NUMBER_MAX} to {NUMBER_MAX}");
+    Err(ScenarioError::Toml { file: file.to_owned(), line, message, text: content.trim().chars().take(60).collect() })
+}
+
 fn line_of(text: &str, at: usize) -> usize {
     text.bytes().take(at).filter(|byte| *byte == b'\n').count() + 1
 }
@@ -291,6 +319,10 @@ mod tests {
         );
         assert!(fault("[[person]]\nway = [[0, 0]]\n").starts_with("w.toml:1: person: way: expected"));
         assert!(fault("[[wall]\n").starts_with("w.toml:1: "));
+        for number in ["nan", "-inf", "1e308", "1_000_000_000"] {
+            let fault = fault(&format!("{wall}[robot]\nspeed_mps = {number}\n"));
+            assert!(fault.starts_with("w.toml:5: expected numbers from -1000000 to 1000000, in `speed_mps"), "{fault}");
+        }
     }
 
     #[test]

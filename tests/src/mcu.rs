@@ -230,6 +230,8 @@ impl<'d> Bench<'d> {
             RobotEvent::NewRobot => *robots += 1,
             RobotEvent::Status(now) => *status = now,
             RobotEvent::Foreign(why) => said.push(why.to_string()),
+            RobotEvent::Absurd(why) => said.push(why.to_string()),
+            RobotEvent::Busy => said.push("busy".to_owned()),
             RobotEvent::Message(told) => {
                 let Some(message) = told.message() else { return };
                 if let FromRobot::Said(text) | FromRobot::Refused(text) = message {

@@ -3,15 +3,19 @@
 //! What firmware is on a microcontroller, this is on a computer of a robot: the same state machine, to which bytes and the time are brought.
 //! Each line has a thread that reads and stamps; the robot itself has one, because its results must depend on nothing but the order of
 //! its inputs.
+//!
+//! What a line brings waits in a queue with an end, and the line waits then. A scan whose bytes have waited for too long is decoded and not mapped, so that a robot
+//! that is too slow for its laser lags by no more than that. By the network there is one host at a time.
 
 mod clock;
+mod guest;
 mod port;
 
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration as WallDuration;
 
 use anyhow::{Context as _, Result};
@@ -20,6 +24,7 @@ use lrfslam_robot::wire::message::Health;
 use lrfslam_robot::{Input, Pools, Ports, Robot, RobotMemory};
 
 use self::clock::Clock;
+use self::guest::{Guest, Introduction};
 use self::port::{News, Port};
 use crate::fault::FaultLink;
 
@@ -30,7 +35,7 @@ pub enum HostLine {
     Serial(PathBuf, u32),
     /// At a pseudo-terminal that is made, under this name.
     Terminal(PathBuf),
-    /// Comes by TCP; a new connection takes the place of an old one.
+    /// Comes by TCP, one at a time.
     Tcp(SocketAddr),
 }
 
@@ -51,6 +56,12 @@ const REOPEN: Duration = Duration::from_millis(300);
 const IDLE: Duration = Duration::from_millis(20);
 /// … and while a line has bytes to take.
 const BUSY: Duration = Duration::from_millis(1);
+/// Messages of the lines that wait, of 4 KiB at most.
+const EVENTS_MAX: usize = 2048;
+/// A scan that has waited for so long is left out: newer ones are there.
+const LATE: Duration = Duration::from_millis(1000);
+/// A host on the network that has said nothing for so long, or does not acknowledge, makes room for another.
+const HOST_SILENT: Duration = Duration::from_millis(30_000);
 /// The rate of the laser's port until its driver sets one.
 const FIRST_BAUD: u32 = 9600;
 
@@ -80,6 +91,7 @@ enum Event {
     Laser(u32, News),
     Host(u32, News),
     Connection(TcpStream),
+    Guest(u32, News),
 }
 
 /// The lines of a robot.
@@ -88,13 +100,18 @@ struct Lines<'s> {
     clock: Clock,
     say: &'s (dyn Fn(&str) + Sync),
     events: Receiver<Event>,
-    sender: Sender<Event>,
+    sender: SyncSender<Event>,
     /// Number of the last line opened: what an older one still says is not heard.
     generation: u32,
     laser: Option<Port>,
     laser_at: Instant,
     host: Option<Port>,
     host_at: Instant,
+    /// When the host was heard last.
+    host_heard: Instant,
+    guest: Option<Guest>,
+    /// When the bytes of the laser came that the robot has now.
+    laser_heard: Instant,
     to_host: FaultLink,
     from_host: FaultLink,
     is_restart: bool,
@@ -103,7 +120,7 @@ struct Lines<'s> {
 
 impl<'s> Lines<'s> {
     fn open(wiring: &Wiring, stop: &Arc<AtomicBool>, say: &'s (dyn Fn(&str) + Sync)) -> Result<Self> {
-        let (sender, events) = channel();
+        let (sender, events) = sync_channel(EVENTS_MAX);
         let (chance, seed) = wiring.faults;
         let mut lines = Self {
             wiring: wiring.clone(),
@@ -116,6 +133,9 @@ impl<'s> Lines<'s> {
             laser_at: Instant::default(),
             host: None,
             host_at: Instant::default(),
+            host_heard: Instant::default(),
+            guest: None,
+            laser_heard: Instant::default(),
             to_host: FaultLink::new(chance, seed),
             from_host: FaultLink::new(chance, seed ^ 0x5EED),
             is_restart: false,
@@ -204,7 +224,10 @@ impl<'s> Lines<'s> {
     fn take(&mut self, robot: &mut Robot<'_>, event: Event, deadline: Instant) -> Instant {
         match event {
             Event::Laser(generation, news) if is_of(&self.laser, generation) => match news {
-                News::Bytes(at, bytes) => self.give(robot, at, Input::LaserBytes(&bytes)),
+                News::Bytes(at, bytes) => {
+                    self.laser_heard = at;
+                    self.give(robot, at, Input::LaserBytes(&bytes))
+                }
                 News::Gone => {
                     (self.say)("the laser is unplugged");
                     self.laser = None;
@@ -213,6 +236,7 @@ impl<'s> Lines<'s> {
             },
             Event::Host(generation, news) if is_of(&self.host, generation) => match news {
                 News::Bytes(at, bytes) => {
+                    self.host_heard = at;
                     let bytes = self.from_host.pass(at, bytes);
                     self.give(robot, at, Input::LinkBytes(&bytes))
                 }
@@ -222,15 +246,72 @@ impl<'s> Lines<'s> {
                     self.give(robot, self.clock.now(), Input::LinkDisconnected)
                 }
             },
-            Event::Connection(stream) => {
-                let Ok(port) = Port::tcp(stream) else { return deadline };
-                (self.say)("a host is there");
-                self.give(robot, self.clock.now(), Input::LinkDisconnected);
-                self.host = self.plug(port, Event::Host);
-                self.give(robot, self.clock.now(), Input::LinkConnected)
+            Event::Connection(stream) => match Port::tcp(stream) {
+                Ok(port) => self.come(robot, port, deadline),
+                Err(_) => deadline,
+            },
+            Event::Guest(generation, News::Bytes(at, bytes)) => {
+                self.hear_guest(robot, (generation, at, &bytes), deadline)
+            }
+            Event::Guest(generation, News::Gone) if is_of(&self.host, generation) => {
+                self.take(robot, Event::Host(generation, News::Gone), deadline)
+            }
+            Event::Guest(generation, News::Gone) => {
+                self.guest = self.guest.take().filter(|guest| guest.port.generation != generation);
+                deadline
             }
             Event::Laser(..) | Event::Host(..) => deadline,
         }
+    }
+
+    /// Somebody comes by the network: a guest if there is a host.
+    fn come(&mut self, robot: &mut Robot<'_>, port: Port, deadline: Instant) -> Instant {
+        let now = self.clock.now();
+        if self.host.is_some() && now.since(self.host_heard) < HOST_SILENT && !robot.is_host_silent() {
+            self.guest = self.plug(port, Event::Guest).map(|port| Guest::new(port, now));
+            return deadline;
+        }
+        let port = self.plug(port, Event::Host);
+        self.attach(robot, port)
+    }
+
+    /// A host comes, in place of another if there is one.
+    fn attach(&mut self, robot: &mut Robot<'_>, port: Option<Port>) -> Instant {
+        (self.say)("a host is there");
+        self.give(robot, self.clock.now(), Input::LinkDisconnected);
+        self.host = port;
+        self.host_heard = self.clock.now();
+        self.give(robot, self.clock.now(), Input::LinkConnected)
+    }
+
+    /// One that is the host itself, whose line was cut, takes its own place; another is told that there is one.
+    fn hear_guest(
+        &mut self,
+        robot: &mut Robot<'_>,
+        (generation, at, bytes): (u32, Instant, &[u8]),
+        deadline: Instant,
+    ) -> Instant {
+        // What comes later on the line of a guest that has become the host is the host's.
+        if is_of(&self.host, generation) {
+            return self.take(robot, Event::Host(generation, News::Bytes(at, bytes.to_vec())), deadline);
+        }
+        let Some(mut guest) = self.guest.take().filter(|guest| guest.port.generation == generation) else {
+            return deadline;
+        };
+        match guest.hear(bytes) {
+            Introduction::None if !guest.is_late(at) => self.guest = Some(guest),
+            Introduction::Host(epoch) if robot.host_epoch() == Some(epoch) => {
+                let (port, heard) = guest.welcome();
+                self.attach(robot, Some(port));
+                return self.take(robot, Event::Host(generation, News::Bytes(at, heard)), deadline);
+            }
+            Introduction::Host(epoch) => {
+                (self.say)("another host came, and was told that there is one");
+                guest.send_away(epoch);
+            }
+            Introduction::None | Introduction::Nonsense => {}
+        }
+        deadline
     }
 
     fn give(&mut self, robot: &mut Robot<'_>, now: Instant, input: Input<'_>) -> Instant {
@@ -266,6 +347,10 @@ impl Ports for Lines<'_> {
 
     fn restart(&mut self) {
         self.is_restart = true;
+    }
+
+    fn is_behind(&self) -> bool {
+        self.clock.now().since(self.laser_heard) > LATE
     }
 
     fn health(&self) -> Health {

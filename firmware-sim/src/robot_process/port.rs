@@ -4,7 +4,7 @@ use std::net::TcpStream;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::Sender;
+use std::sync::mpsc::SyncSender;
 use std::sync::{Arc, Weak};
 use std::time::Duration as WallDuration;
 
@@ -100,7 +100,7 @@ impl Port {
     pub(super) fn listen<T: Send + 'static>(
         &self,
         clock: Clock,
-        sender: Sender<T>,
+        sender: SyncSender<T>,
         tell: impl Fn(News) -> T + Send + 'static,
     ) {
         let line = Arc::downgrade(&self.line);
@@ -191,7 +191,7 @@ fn hear(line: &Weak<Line>, clock: Clock) -> Option<News> {
 /// Accepts connections until `stop` is set.
 pub(super) fn accept<T: Send + 'static>(
     listener: std::net::TcpListener,
-    sender: Sender<T>,
+    sender: SyncSender<T>,
     stop: Arc<AtomicBool>,
     tell: impl Fn(TcpStream) -> T + Send + 'static,
 ) {

@@ -40,6 +40,12 @@ pub enum RosMapError {
     },
 }
 
+/// Longest side of a picture, pixels: at 0.05 m a kilometre and a half.
+const SIDE_MAX: usize = 32_768;
+/// Farthest that an origin is, m, and largest cell.
+const ORIGIN_MAX_M: f64 = 1e6;
+const RESOLUTION_MAX_M: f64 = 100.0;
+
 /// What the YAML file says.
 #[derive(Debug, Clone, PartialEq)]
 struct MapInfo {
@@ -105,7 +111,7 @@ impl MapInfo {
             return Err(fault(line, "image", IMAGE));
         }
         let resolution_m = number("resolution", None, RESOLUTION)?;
-        if resolution_m <= 0.0 {
+        if !(1e-4..=RESOLUTION_MAX_M).contains(&resolution_m) {
             return Err(fault(need("resolution", RESOLUTION)?.0, "resolution", RESOLUTION));
         }
         let (line, origin) = need("origin", ORIGIN)?;
@@ -119,7 +125,7 @@ impl MapInfo {
 fn triple(text: &str) -> Option<[f64; 3]> {
     let inner = text.strip_prefix('[')?.strip_suffix(']')?;
     let numbers: Option<Vec<f64>> =
-        inner.split(',').map(|word| word.trim().parse().ok().filter(|x: &f64| x.is_finite())).collect();
+        inner.split(',').map(|word| word.trim().parse().ok().filter(|x: &f64| x.abs() <= ORIGIN_MAX_M)).collect();
     numbers?.try_into().ok()
 }
 
@@ -139,6 +145,9 @@ impl Picture {
             rest = &rest[digits..];
         }
         let [width, height, white] = numbers;
+        if !(1..=SIDE_MAX).contains(&width) || !(1..=SIDE_MAX).contains(&height) {
+            return Err("1 to 32768 pixels along each side");
+        }
         let size = width.checked_mul(height).filter(|_| (1..=255).contains(&white)).ok_or(EXPECTED)?;
         let pixels = rest.get(1..).and_then(|pixels| pixels.get(..size)).ok_or("as many pixels as its header says")?;
         Ok(Self { width, height, pixels: pixels.to_vec(), white: white as f64 })
@@ -253,6 +262,12 @@ mod tests {
                 .starts_with("map.yaml:3: origin: expected three numbers")
         );
         assert!(fault("resolution: 1\n", PGM).starts_with("map.yaml:1: image: expected"));
+        for size in ["0 1000000000000000000", "1000000000000000000 0", "40000 1"] {
+            let absurd = format!("P5 {size} 255 ");
+            assert_eq!(fault(YAML, absurd.as_bytes()), "m.pgm: expected 1 to 32768 pixels along each side");
+        }
+        assert!(fault(&YAML.replace("0.5", "1e308"), PGM).starts_with("map.yaml:2: resolution"));
+        assert!(fault(&YAML.replace("2.0", "1e308"), PGM).starts_with("map.yaml:3: origin"));
         assert_eq!(fault(YAML, b"P6 3 2 255 "), "m.pgm: expected a P5 PGM of at most 255 grey values");
         assert_eq!(fault(YAML, b"P5 3 2 255\n\0\0"), "m.pgm: expected as many pixels as its header says");
         assert!(fault(&YAML.replace("m.pgm", "none.pgm"), PGM).starts_with("none.pgm: cannot be read"));

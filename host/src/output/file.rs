@@ -20,13 +20,16 @@ impl PendingFile {
     /// Starts the file that shall become `target`, as `target` with `.part` behind it; a link is followed.
     ///
     /// # Errors
-    /// If it cannot be created, or `target` is there and no regular file: a device, a pipe, a folder.
+    /// If it cannot be created, or `target` is there and no regular file: a device, a pipe, a folder, a link that leads nowhere.
     pub fn create(target: &Path) -> io::Result<Self> {
         let target = match fs::metadata(target) {
             Ok(found) if !found.is_file() => {
                 return Err(io::Error::new(ErrorKind::InvalidInput, "it is there already, and no regular file"));
             }
             Ok(_) => fs::canonicalize(target)?,
+            Err(_) if fs::symlink_metadata(target).is_ok() => {
+                return Err(io::Error::new(ErrorKind::InvalidInput, "it is a link that leads nowhere"));
+            }
             Err(_) => target.to_owned(),
         };
         let mut name = target.as_os_str().to_owned();
@@ -142,5 +145,10 @@ mod tests {
         write_file(&link, b"new").unwrap();
         assert_eq!(fs::read(&target).unwrap(), b"new", "a link is followed, not replaced");
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        fs::remove_file(&target).unwrap();
+        assert!(write_file(&link, b"new").unwrap_err().to_string().contains("leads nowhere"));
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        let device = write_file(Path::new("/dev/null"), b"new").unwrap_err();
+        assert!(device.to_string().contains("no regular file"), "{device}");
     }
 }

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::mapping::MatchCounts;
 use crate::mapping::high::HighCounts;
-use crate::output::RECORDING;
+use crate::output::{Hole, RECORDING};
 use crate::program::Program;
 use crate::results::quality::Quality;
 use crate::results::step_table::ParticleSummary;
@@ -101,7 +101,7 @@ impl Source {
 }
 
 /// What was recorded of a laser.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RecordingCounts {
     /// The file; among the results if it has no folder.
     pub file: String,
@@ -109,18 +109,20 @@ pub struct RecordingCounts {
     pub bytes: u64,
     /// Why it ends before the run did.
     pub fault: Option<String>,
+    /// When its disk had no room: what is missing in it, not in the map.
+    pub holes: Vec<Hole>,
 }
 
 impl From<&RecordingReport> for RecordingCounts {
     fn from(report: &RecordingReport) -> Self {
         let is_among_results = report.path.ends_with(RECORDING);
         let file = if is_among_results { RECORDING.to_owned() } else { report.path.display().to_string() };
-        Self { file, bytes: report.bytes, fault: report.fault.clone() }
+        Self { file, bytes: report.bytes, fault: report.fault.clone(), holes: report.holes.clone() }
     }
 }
 
 /// What a robot counted, and what of it did not come here.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct RobotCounts {
     /// Its board.
     pub board: String,
@@ -132,6 +134,8 @@ pub struct RobotCounts {
     pub missing_scans: u32,
     /// Scans not told with their beams, for want of room on the link.
     pub untold_sweeps: u32,
+    /// Scans that it left out because it maps slower than they come.
+    pub late_scans: u32,
     /// Scans larger than its memory.
     pub refused_scans: u32,
     /// Particles that went because no map tile was free.
@@ -148,6 +152,10 @@ pub struct RobotCounts {
     pub restarts: u32,
     /// Frames of the link that came damaged.
     pub damaged_frames: u32,
+    /// When the journal's disk had no room: missing in the journal, not in the map.
+    pub journal_holes: Vec<Hole>,
+    /// Messages missing in the journal that was gone on with: they are missing in the map, too.
+    pub journal_missing: u32,
 }
 
 /// What the driver of a laser counted.

@@ -6,16 +6,24 @@ use lrfslam_core::distributed_map::{Region, TilePlace};
 use lrfslam_core::slam::SlamConfig;
 use lrfslam_core::time::Instant;
 use lrfslam_robot::RobotConfig;
-use lrfslam_robot::wire::frame::MAX_FRAME;
+use lrfslam_robot::wire::frame::{DELIMITER, MAX_FRAME};
 use lrfslam_robot::wire::message::{Capacities, FromRobot, Status, TileUpdate, ToRobot};
 use lrfslam_robot::wire::session::{Foreign, Progress, QueueFullError, Received, Session, SessionMemory};
 
+use super::judge::Absurd;
 use super::map::Tiles;
 
 /// Bytes of requests and tiles that wait for the robot.
 const QUEUE: usize = 16_384;
 /// No robot is given less of a view, m: one that has no memory for it says so.
 const VIEW_MIN_M: f32 = 1.0;
+
+/// Regions that a robot may wait for: its program asks for four, and again if its host is new.
+const RECALLS_MAX: usize = 16;
+/// Messages a second that a robot may send for long …
+const MESSAGES_PER_S: f32 = 2000.0;
+/// … and at once, after a time without a host.
+const MESSAGES_AT_ONCE: f32 = 100_000.0;
 
 /// `config` with no more particles, and no longer beams, than the robot has memory for.
 pub(super) fn fitted(config: &SlamConfig, capacities: &Capacities) -> SlamConfig {
@@ -74,6 +82,10 @@ pub enum RobotEvent<'a> {
     Status(Status),
     /// It is of another build; it is told nothing, and nothing is taken from it.
     Foreign(Foreign),
+    /// It has another host, and is not to be had now.
+    Busy,
+    /// It says more than a robot can; what was too much was not taken.
+    Absurd(Absurd),
 }
 
 /// A message of the robot's; it is acknowledged when the sink that is given it has returned.
@@ -99,6 +111,8 @@ pub struct RobotClient<'m> {
     session: Session<'m>,
     /// What the robot has asked for and not been given yet.
     recalls: VecDeque<Recall>,
+    /// Messages that it may send now, and when that was counted.
+    allowance: (f32, Option<Instant>),
 }
 
 impl<'m> RobotClient<'m> {
@@ -107,7 +121,12 @@ impl<'m> RobotClient<'m> {
     /// * `epoch` — another number than that of the last run; `resume` — how far that one had come
     pub fn new(config: &RobotConfig, epoch: u32, resume: Option<Progress>, memory: &'m mut ClientMemory) -> Self {
         let memory = SessionMemory { queue: &mut memory.queue, frame: &mut memory.frame };
-        Self { config: Some(*config), session: Session::new(epoch, resume, memory), recalls: VecDeque::new() }
+        Self {
+            config: Some(*config),
+            session: Session::new(epoch, resume, memory),
+            recalls: VecDeque::new(),
+            allowance: (MESSAGES_AT_ONCE, None),
+        }
     }
 
     /// The session below.
@@ -148,11 +167,31 @@ impl<'m> RobotClient<'m> {
         }
     }
 
+    /// Counts a frame that ends in `bytes`; the error of one that is too many.
+    fn count_message_if_whole(&mut self, now: Instant, bytes: &[u8]) -> Result<(), Absurd> {
+        // Zeros in a row are an idle line.
+        if !bytes.contains(&DELIMITER) || bytes.first() == Some(&DELIMITER) {
+            return Ok(());
+        }
+        let (left, at) = self.allowance;
+        let seconds = at.map_or(0.0, |at| now.since(at).micros.max(0) as f32 * 1e-6);
+        let left = (left + seconds * MESSAGES_PER_S).min(MESSAGES_AT_ONCE) - 1.0;
+        if left < 0.0 {
+            let why = format!("more than {MESSAGES_PER_S} messages a second");
+            return Err(Absurd { message: "flood", why });
+        }
+        self.allowance = (left, Some(now));
+        Ok(())
+    }
+
     /// Takes bytes, and gives what they say to `sink`. A robot that introduces itself is configured.
     pub fn take(&mut self, now: Instant, bytes: &[u8], sink: &mut dyn FnMut(RobotEvent<'_>)) {
         let mut rest = bytes;
         while !rest.is_empty() {
             let before = self.session.progress();
+            if let Err(absurd) = self.count_message_if_whole(now, rest) {
+                return sink(RobotEvent::Absurd(absurd));
+            }
             let (taken, received) = self.session.take(now, rest);
             rest = &rest[taken..];
             let (mut introduced, mut asked) = (None, None);
@@ -176,19 +215,37 @@ impl<'m> RobotClient<'m> {
                     sink(RobotEvent::NewRobot);
                 }
                 Some(Received::Foreign(why)) => sink(RobotEvent::Foreign(why)),
+                Some(Received::Busy) => sink(RobotEvent::Busy),
                 None => {}
             }
-            if let Some(mut recall) = asked {
-                sink(RobotEvent::Recall(&mut recall));
-                self.recalls.push_back(recall);
+            if let Some(recall) = asked
+                && let Err(absurd) = self.take_recall(recall, sink)
+            {
+                return sink(RobotEvent::Absurd(absurd));
             }
-            if let Some((config, capacities)) = self.config.zip(introduced) {
-                // A full queue holds requests that the robot has not taken; it will introduce itself to the next host again.
-                let slam = fitted(&config.slam, &capacities);
-                let _ = self.ask(&ToRobot::Configure(RobotConfig { slam, ..config }));
-            }
+            introduced.iter().for_each(|capacities| self.configure(capacities));
         }
         self.give_back();
+    }
+
+    /// Gives a robot with these capacities its configuration.
+    fn configure(&mut self, capacities: &Capacities) {
+        if let Some(config) = self.config {
+            // A full queue holds requests that the robot has not taken; it will introduce itself to the next host again.
+            let slam = fitted(&config.slam, capacities);
+            let _ = self.ask(&ToRobot::Configure(RobotConfig { slam, ..config }));
+        }
+    }
+
+    /// Has a recall answered, unless too many wait already.
+    fn take_recall(&mut self, mut recall: Recall, sink: &mut dyn FnMut(RobotEvent<'_>)) -> Result<(), Absurd> {
+        if self.recalls.len() >= RECALLS_MAX {
+            let why = format!("{RECALLS_MAX} of them wait for an answer already");
+            return Err(Absurd { message: "Recall", why });
+        }
+        sink(RobotEvent::Recall(&mut recall));
+        self.recalls.push_back(recall);
+        Ok(())
     }
 }
 

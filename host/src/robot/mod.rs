@@ -1,17 +1,19 @@
 //! The host's end of a robot that does the SLAM itself: configures it, and keeps what it tells.
 //!
-//! [`RobotLink`] (port) → [`RobotClient`] (session, requests) → [`Journal`] (on disk, then acknowledged) → [`RobotMap`] (paths of the particles, tiles
+//! [`RobotLink`] (port) → [`RobotClient`] (session, requests) → [`Journal`] (on disk, then acknowledged) → [`Judge`] (can that be?) → [`RobotMap`] (paths of the particles, tiles
 //! of the best one's map), [`Sweeps`] (scans) → high level, path and pictures. The protocol is in `docs/robot-link.md`.
 
 mod client;
 mod journal;
+mod judge;
 mod link;
 mod map;
 mod render;
 mod sweeps;
 
 pub use client::{ClientMemory, Recall, RobotClient, RobotEvent, Told};
-pub use journal::{JOURNAL, Journal};
+pub use journal::{JOURNAL, Journal, Skipped};
+pub use judge::{Absurd, Judge};
 pub use link::{LinkEvent, RobotLink};
 pub use map::{RobotMap, Tiles};
 pub use sweeps::{Sweeps, ToldSweep};

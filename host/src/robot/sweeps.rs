@@ -23,6 +23,11 @@ impl ToldSweep {
     }
 }
 
+/// Scans that wait for a pose that does not come: more are not kept.
+const WAITING_MAX: usize = 64;
+/// Most beams of a scan.
+const BEAMS_MAX: usize = 16_384;
+
 /// Scans whose poses have not come yet.
 #[derive(Debug, Clone, Default)]
 pub struct Sweeps {
@@ -34,10 +39,14 @@ impl Sweeps {
     pub fn take_part(&mut self, part: &SweepPart<'_>) {
         if self.waiting.last().is_none_or(|last| last.is_complete || last.stamp != part.stamp) {
             let SweepPart { stamp, range_max_m, motion, .. } = *part;
+            if self.waiting.len() >= WAITING_MAX {
+                self.waiting.remove(0);
+            }
             self.waiting.push(ToldSweep { stamp, range_max_m, motion, beams: Vec::new(), is_complete: false });
         }
         if let Some(last) = self.waiting.last_mut() {
-            last.beams.extend(part.beams());
+            let room = BEAMS_MAX.saturating_sub(last.beams.len());
+            last.beams.extend(part.beams().take(room));
             last.is_complete = part.is_last;
         }
     }

@@ -1,6 +1,5 @@
 //! One life of a robot, from its start or from when this host came to the end: what it tells goes to disk, then into path and map.
 
-use anyhow::Context as _;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_robot::wire::message::{FromRobot, Status};
 use lrfslam_robot::wire::session::Progress;
@@ -10,9 +9,9 @@ use super::map::{About, Run};
 use crate::mapping::MappingConfig;
 use crate::mapping::high::HighCounts;
 use crate::maps::io::{PGM_SIDE_MAX, write_map};
-use crate::output::{ResultFolder, cannot_write};
+use crate::output::ResultFolder;
 use crate::results::report::{Ending, RobotCounts, RunReport, Source};
-use crate::robot::{JOURNAL, Journal, RobotMap, Told};
+use crate::robot::{Absurd, JOURNAL, Journal, Judge, RobotMap, Skipped, Told};
 
 /// How a robot's map is made.
 #[derive(Debug, Clone)]
@@ -33,7 +32,10 @@ pub struct RobotRun<C> {
     /// The program's, for the report and the saved map.
     config: C,
     run: Run<'static, RobotMap>,
+    judge: Judge,
     journal: Journal,
+    /// Of the journal that was gone on with.
+    skipped: Skipped,
     folder: ResultFolder,
     /// How far the robot's messages have come.
     progress: Option<Progress>,
@@ -48,7 +50,7 @@ impl<C: Serialize + Clone> RobotRun<C> {
     /// If the journal cannot be written, or loops are to be closed by particles.
     pub fn open(folder: ResultFolder, setup: RobotSetup<C>, seed: u64) -> anyhow::Result<Self> {
         let run = Run::told(&setup.mapping, seed)?;
-        let journal = Journal::create(&folder.growing(JOURNAL))?;
+        let journal = (Journal::create(&folder.growing(JOURNAL))?, Skipped::default());
         Ok(Self::new(setup, run, journal, folder))
     }
 
@@ -62,18 +64,31 @@ impl<C: Serialize + Clone> RobotRun<C> {
         let journal = Journal::resume(&path, |message| told.push((message.at, message.bytes.to_vec())))?;
         let run = Run::told(&setup.mapping, seed)?;
         let mut run = Self::new(setup, run, journal, folder);
-        told.iter().try_for_each(|(at, bytes)| run.hear(&Told { at: *at, bytes }))?;
+        for (at, bytes) in &told {
+            match run.hear(&Told { at: *at, bytes }) {
+                // It was refused then, too.
+                Err(error) if error.is::<Absurd>() => run.skipped.messages += 1,
+                heard => heard?,
+            }
+        }
         Ok(run)
     }
 
-    fn new(setup: RobotSetup<C>, run: Run<'static, RobotMap>, journal: Journal, folder: ResultFolder) -> Self {
+    fn new(
+        setup: RobotSetup<C>,
+        run: Run<'static, RobotMap>,
+        (journal, skipped): (Journal, Skipped),
+        folder: ResultFolder,
+    ) -> Self {
         let RobotSetup { mapping, robot_from_lrf, config } = setup;
         Self {
             mapping,
             robot_from_lrf,
             config,
             run,
+            judge: Judge::default(),
             journal,
+            skipped,
             folder,
             progress: None,
             board: String::new(),
@@ -81,19 +96,38 @@ impl<C: Serialize + Clone> RobotRun<C> {
         }
     }
 
-    /// Takes a message; it is on disk when this returns.
+    /// Takes a message; it is in the journal when this returns, or waits in memory for a disk without room.
     ///
     /// # Errors
-    /// If the journal cannot be written; the message is taken nevertheless. If a scan is too large for the high level.
+    /// [`Absurd`] if no robot says that: it changes nothing. If a scan is too large for the high level.
     pub fn take(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
-        let stored = self.journal.add(told);
-        self.hear(told)?;
-        stored.with_context(|| cannot_write(&self.folder.named().join(JOURNAL)))
+        // A message of the link's fits a frame.
+        let _ = self.journal.add(told);
+        self.hear(told)
+    }
+
+    /// What there is to tell of the journal's disk.
+    pub fn journal_news(&mut self) -> Option<String> {
+        self.journal.news()
+    }
+
+    /// What of the journal that was gone on with could not be read, if it is anything.
+    pub fn skipped(&self) -> Option<Skipped> {
+        Some(self.skipped).filter(|skipped| *skipped != Skipped::default())
+    }
+
+    /// Puts the journal on disk.
+    ///
+    /// # Errors
+    /// If there is no room for all of it.
+    pub fn finish_journal(&mut self) -> std::io::Result<()> {
+        self.journal.finish()
     }
 
     fn hear(&mut self, told: &Told<'_>) -> anyhow::Result<()> {
         self.progress = Some(Progress { epoch: told.at.epoch, next: told.at.next.wrapping_add(1) });
         let Some(message) = told.message() else { return Ok(()) };
+        self.judge.check(&message)?;
         if let FromRobot::Identity(identity) = &message {
             identity.board.clone_into(&mut self.board);
         }
@@ -162,7 +196,7 @@ impl<C: Serialize + Clone> RobotRun<C> {
     }
 
     fn counts(&self, damaged_frames: u32) -> RobotCounts {
-        let Status { untold_sweeps, refused_scans, dropped_particles, damaged, restarts, .. } = self.status;
+        let Status { untold_sweeps, late_scans, refused_scans, dropped_particles, damaged, restarts, .. } = self.status;
         let Status { tiles_left, tiles_restored, tiles_forgotten, .. } = self.status;
         RobotCounts {
             board: self.board.clone(),
@@ -170,6 +204,7 @@ impl<C: Serialize + Clone> RobotRun<C> {
             is_map_complete: self.map().is_complete(),
             missing_scans: self.map().missing_scans(),
             untold_sweeps,
+            late_scans,
             refused_scans,
             dropped_particles,
             tiles_left,
@@ -178,6 +213,8 @@ impl<C: Serialize + Clone> RobotRun<C> {
             damaged,
             restarts,
             damaged_frames,
+            journal_holes: self.journal.holes(),
+            journal_missing: self.skipped.messages,
         }
     }
 }

@@ -246,6 +246,8 @@ impl<D: HostDisk> RobotRig<D> {
                 RobotEvent::Status(now) => *status = now,
                 RobotEvent::NewRobot => {}
                 RobotEvent::Foreign(why) => panic!("{why}"),
+                RobotEvent::Absurd(why) => panic!("{why}"),
+                RobotEvent::Busy => panic!("there is one host"),
             });
         }
         if now >= host.session().deadline() {

@@ -206,6 +206,7 @@ fn status() -> Status {
         restarts: 8,
         lost_scans: 9,
         untold_sweeps: 10,
+        late_scans: 14,
         tiles_left: 11,
         tiles_restored: 12,
         tiles_forgotten: 13,
@@ -220,16 +221,18 @@ fn name_of_packet(packet: &Packet<'_>) -> &'static str {
         Packet::Reliable { .. } => "Reliable",
         Packet::Ack { .. } => "Ack",
         Packet::Latest { .. } => "Latest",
+        Packet::Busy { .. } => "Busy",
     }
 }
 
-fn packets() -> [Packet<'static>; 4] {
+fn packets() -> [Packet<'static>; 5] {
     let (peer, credit, layout) = (Some(20), 32, 0x1234_5678);
     [
         Packet::Hello { version: VERSION, epoch: 10, peer, next: 3, base: 4, credit, is_heard: true, layout },
         Packet::Reliable { epoch: 10, sequence: 300, message: &[1, 2, 0] },
         Packet::Ack { epoch: 10, peer: 20, next: 3, credit, missing: true },
         Packet::Latest { epoch: 10, message: &[5, 0] },
+        Packet::Busy { peer: 20 },
     ]
 }
 

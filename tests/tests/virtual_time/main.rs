@@ -2,6 +2,7 @@
 
 mod closing_loops;
 mod encodings;
+mod fuzzed;
 mod hil_virtual;
 mod larger_than_memory;
 mod link_faults;

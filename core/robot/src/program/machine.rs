@@ -54,6 +54,10 @@ pub trait Ports {
     fn restart(&mut self);
     /// What the board knows of itself.
     fn health(&self) -> Health;
+    /// So much newer bytes of the laser wait that the scan that came now is to be left out: it is asked for every scan.
+    fn is_behind(&self) -> bool {
+        false
+    }
     /// A scan was mapped: for logs and tests.
     fn mapped(&mut self, _mapped: &Mapped) {}
 }
@@ -154,6 +158,16 @@ impl<'m> Robot<'m> {
         }
     }
 
+    /// The host that it talks to, or talked to last.
+    pub fn host_epoch(&self) -> Option<u32> {
+        self.link.progress().map(|host| host.epoch)
+    }
+
+    /// True if the host has something to acknowledge, and has not for some seconds.
+    pub fn is_host_silent(&self) -> bool {
+        self.link.is_silent()
+    }
+
     /// Takes one input, and gives what follows from it to `ports`; returns when [`Input::Timeout`] is due.
     pub fn handle(&mut self, now: Instant, input: Input<'_>, ports: &mut impl Ports) -> Instant {
         match input {
@@ -231,6 +245,7 @@ impl<'m> Robot<'m> {
                 }
                 Output::Transmit(bytes) => ports.send_to_laser(bytes),
                 Output::SetBaud(baud) => ports.set_laser_baud(baud),
+                Output::Event(Event::Scan(_)) if ports.is_behind() => leave_out(status, said),
                 Output::Event(Event::Scan(scan)) => {
                     let Ok(mapped) = map_scan(mapping, &scan, status) else { continue };
                     if mapped.report.filter.is_some() {
@@ -241,14 +256,11 @@ impl<'m> Robot<'m> {
                     let is_told = sweep_report.tell(&config.report, &sweep, &mapped, link);
                     status.untold_sweeps = status.untold_sweeps.saturating_add(u32::from(!is_told));
                     ports.mapped(&mapped);
-                    if poses.is_full() {
-                        let _ = poses.pop_front();
-                    }
-                    let _ = poses.push_back(mapped.pose);
+                    keep_newest(poses, mapped.pose);
                     // Said in this order, whatever comes with the next scan: what the host gives back goes by what it has heard before.
                     let is_told = *restart_at == NEVER && tell_path(mapping, poses, link).is_ok();
                     if !map_report.is_telling_whole() {
-                        page(paging, mapping, &mapped, link, is_told, said);
+                        page(paging, mapping, &mapped, link, (is_told, status.late_scans > 0), said);
                     }
                 }
                 Output::Event(event) => {
@@ -284,9 +296,19 @@ pub(super) fn tell_path(
     Ok(())
 }
 
+/// When there is no room, the oldest goes.
+fn keep_newest(poses: &mut heapless::Deque<ScanPose, POSES>, pose: ScanPose) {
+    if poses.is_full() {
+        let _ = poses.pop_front();
+    }
+    let _ = poses.push_back(pose);
+}
+
 /// Has tiles leave and come back.
 ///
-/// * `is_told` — the host has heard of the scan, or will before what is queued now
+/// Who is late by his own mapping does not blame the link.
+///
+/// * `is_told` — the host has heard of the scan, or will before what is queued now; `is_slow` — scans were left out
 // As the host's requests: not in one stack frame with the mapping of a scan.
 #[inline(never)]
 fn page(
@@ -294,7 +316,7 @@ fn page(
     mapping: &mut Mapping<'_>,
     mapped: &Mapped,
     link: &mut Session<'_>,
-    is_told: bool,
+    (is_told, is_slow): (bool, bool),
     said: &mut Said,
 ) {
     let robot = mapping.slam().odometry().map_from_robot().position();
@@ -306,8 +328,16 @@ fn page(
     }
     let now_late = paging.counts.late;
     // The first, the second, the fourth, the eighth …
-    if now_late.checked_ilog2() > late.checked_ilog2() {
+    if !is_slow && now_late.checked_ilog2() > late.checked_ilog2() {
         say(said, format_args!("{now_late} answers about tiles came late: now the map depends on the link"));
+    }
+}
+
+/// A scan that comes when newer ones wait: said the first time, the second, the fourth …
+fn leave_out(status: &mut Status, said: &mut Said) {
+    status.late_scans = status.late_scans.saturating_add(1);
+    if status.late_scans.is_power_of_two() {
+        say(said, format_args!("scans come faster than they are mapped: {} left out so far", status.late_scans));
     }
 }
 

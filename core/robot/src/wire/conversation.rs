@@ -114,6 +114,7 @@ impl<'m> Conversation<'m> {
                 }
                 None
             }
+            Packet::Busy { peer } => (peer == self.epoch).then_some(Received::Busy),
             Packet::Latest { epoch, message } => self.is_from_peer(epoch).then_some(Received::Latest(message)),
         }
     }

@@ -188,6 +188,8 @@ pub struct Status {
     pub lost_scans: u32,
     /// Scans that would have been told with their beams and found no room in the queue.
     pub untold_sweeps: u32,
+    /// Scans left out because newer ones had come: they come faster than they are mapped.
+    pub late_scans: u32,
     /// Map tiles that went to the host.
     pub tiles_left: u32,
     /// Map tiles that came back.

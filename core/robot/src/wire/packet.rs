@@ -6,7 +6,7 @@ use crate::config::RobotConfig;
 use lrfslam_core::config::Layout as _;
 
 /// Version of this protocol; ends of different versions do not talk.
-pub const VERSION: u16 = 7;
+pub const VERSION: u16 = 8;
 /// Fingerprint of the configuration that a robot is given: as this program has it.
 pub const LAYOUT: u32 = RobotConfig::LAYOUT;
 /// Number of [`Packet::Hello`], in every version.
@@ -62,6 +62,11 @@ pub enum Packet<'a> {
         epoch: u32,
         /// It.
         message: &'a [u8],
+    },
+    /// To a host that comes while another is attached: the robot is not to be had now.
+    Busy {
+        /// The receiver's epoch.
+        peer: u32,
     },
 }
 

@@ -43,6 +43,8 @@ pub enum Received<'a> {
     },
     /// It is of another build; nothing is said to it, and nothing taken from it.
     Foreign(Foreign),
+    /// It talks to somebody else.
+    Busy,
 }
 
 /// How far one end has come with the messages of the other.

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
-use anyhow::anyhow;
+use anyhow::{Context as _, anyhow, ensure};
 use clap::Args;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::RangeScan;
@@ -19,6 +19,7 @@ use super::localize::Start;
 use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
 use super::progress::Progress;
+use super::room::ensure_room;
 use super::shared::{ConfigArgs, SeedArgs, TellArgs};
 use super::summary::{partial_notice, summary};
 use crate::config::About;
@@ -37,6 +38,10 @@ use lrfslam_host::scans::log::LogScan;
 pub(super) struct Mapping {
     #[command(flatten)]
     out: OutArgs,
+    /// Go on with the run in the folder --out that was killed, with the same settings: what it has recorded, or the log, is mapped again from the
+    /// beginning, and then what comes.
+    #[arg(long, requires = "out", conflicts_with = "overwrite")]
+    resume: bool,
     #[command(flatten)]
     save: SaveArgs,
     #[command(flatten)]
@@ -63,9 +68,17 @@ impl Mapping {
         self.tell
     }
 
-    /// Where the results go.
-    pub(super) fn folder(&self, stem: &str) -> Result<ResultFolder, Failure> {
-        self.out.folder(stem)
+    /// A run that was killed goes on.
+    pub(super) fn resumes(&self) -> bool {
+        self.resume
+    }
+
+    /// Where the results of a run with this configuration go.
+    pub(super) fn folder(&self, stem: &str, config: &RunConfig) -> Result<ResultFolder, Failure> {
+        match self.out.named().filter(|_| self.resume) {
+            Some(out) => unfinished(out, config, self.seed.seed).map_err(Failure::Start),
+            None => self.out.folder(stem),
+        }
     }
 
     /// Says where a recording is that does not begin among the results: a kill would leave it there.
@@ -86,8 +99,28 @@ impl Mapping {
             None => RunConfig::default(),
         };
         let config = self.particles.load_over(defaults, &self.config)?;
+        ensure_room(&config).map_err(Failure::Start)?;
         Ok(Plan { args: self, config, saved, odometry: false, stop })
     }
+}
+
+/// The folder of a run that has not ended, and had the same settings as far as it has saved any.
+///
+/// # Errors
+/// If it is not there, or its run was another.
+fn unfinished(out: &Path, config: &RunConfig, seed: u64) -> anyhow::Result<ResultFolder> {
+    ensure!(out.is_dir(), "{}: nothing to resume, it is not there", out.display());
+    let folder = ResultFolder::go_on(out, RECORDING)?;
+    let Ok(text) = std::fs::read_to_string(out.join("run.json")) else { return Ok(folder) };
+    let was: serde_json::Value = serde_json::from_str(&text).with_context(|| format!("{}: run.json", out.display()))?;
+    let is = serde_json::to_string(config).and_then(|text| serde_json::from_str::<serde_json::Value>(&text))?;
+    ensure!(was["ending"] != "complete", "{}: nothing to resume, its run came to its end", out.display());
+    ensure!(
+        was["config"] == is && was["seed"] == seed,
+        "{}: its run had another configuration or seed: resume it with the same",
+        out.display()
+    );
+    Ok(folder)
 }
 
 /// What is known before the first scan.

@@ -33,7 +33,7 @@ pub(super) struct MapArgs {
 pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
     let plan = args.mapping.plan()?.with_odometry(args.odometry);
     let scans = open_scans(&args.log, &plan.config, plan.stop, args.mapping.tell())?;
-    plan.map(scans, || args.mapping.folder(&stem(&args.log, "map")))
+    plan.map(scans, || args.mapping.folder(&stem(&args.log, "map"), &plan.config))
 }
 
 /// The scans of a log or a recording.

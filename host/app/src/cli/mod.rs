@@ -38,6 +38,7 @@ mod prove;
 #[path = "no_prove.rs"]
 mod prove;
 mod replay;
+mod room;
 mod run;
 mod shared;
 mod summary;
@@ -51,6 +52,7 @@ use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
+use lrfslam_host::input::printable::printable_lines;
 use lrfslam_host::program::Program;
 
 /// Laser SLAM without odometry.
@@ -171,8 +173,17 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(Failure::Interrupted(error)) => (error, 130),
     };
     // With stderr closed too there is nobody left to tell.
-    let _ = writeln!(io::stderr(), "lrfslam: {}", in_one_line(&error));
+    let _ = writeln!(io::stderr(), "lrfslam: {}", printable_lines(&cut(&in_one_line(&error))));
     ExitCode::from(code)
+}
+
+/// Longest message, letters: one that quotes a broken file may be as long as that.
+const MESSAGE_MAX: usize = 2000;
+
+/// As much of a message as one reads.
+fn cut(text: &str) -> String {
+    let end = text.char_indices().nth(MESSAGE_MAX).map(|(end, _)| end);
+    end.map_or_else(|| text.to_owned(), |end| format!("{} …", &text[..end]))
 }
 
 /// The error and its causes, but no cause that an outer message has quoted already.

@@ -23,5 +23,5 @@ pub(super) struct ReplayArgs {
 pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let plan = args.mapping.plan()?;
     let scans = Scans::replay(&args.file, args.fast, plan.stop, args.mapping.tell().sayer()).map_err(Failure::Start)?;
-    plan.map(scans, || args.mapping.folder("run"))
+    plan.map(scans, || args.mapping.folder("run", &plan.config))
 }

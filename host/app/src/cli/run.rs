@@ -22,7 +22,7 @@ pub(super) struct RunArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "no_record")]
     record: Option<PathBuf>,
     /// Record nothing.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "resume")]
     no_record: bool,
     /// Largest recording, megabytes (an hour of a SICK at 38400 baud fills 15, of a UTM-30LX 500); a full one ends, and the run goes on.
     #[arg(long, value_name = "MB", default_value_t = 2000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
@@ -32,21 +32,23 @@ pub(super) struct RunArgs {
 }
 
 impl RunArgs {
-    fn record(&self, folder: &ResultFolder) -> Option<RecordPlan> {
+    fn record(&self, folder: &ResultFolder) -> anyhow::Result<Option<RecordPlan>> {
         if self.no_record {
-            return None;
+            return Ok(None);
         }
         let path = self.record.clone().unwrap_or_else(|| folder.growing(RECORDING));
         self.mapping.tell_where(&path, folder);
         let (max_bytes, overwrite) = (self.record_max * 1_000_000, self.mapping.overwrites());
-        Some(RecordPlan { max_bytes, overwrite, ..RecordPlan::new(path) })
+        let goes_on = self.mapping.resumes();
+        anyhow::ensure!(!goes_on || path.exists(), "nothing to resume: there is no {}", path.display());
+        Ok(Some(RecordPlan { max_bytes, overwrite, goes_on, ..RecordPlan::new(path) }))
     }
 }
 
 pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
     let laser = args.laser.live().map_err(Failure::Start)?;
     let plan = args.mapping.plan()?;
-    let folder = args.mapping.folder("run")?;
-    let laser = LiveLaser { record: args.record(&folder), ..laser };
+    let folder = args.mapping.folder("run", &plan.config)?;
+    let laser = LiveLaser { record: args.record(&folder).map_err(Failure::Start)?, ..laser };
     plan.map(Scans::live(laser, plan.stop, args.mapping.tell().sayer()), || Ok(folder))
 }

@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::laser::say;
 use super::{Failure, print};
 use crate::config::RunConfig;
+use lrfslam_host::input::printable::{printable, printable_lines};
 use lrfslam_host::scans::live::Say;
 
 /// Help of `--truth`.
@@ -123,7 +124,7 @@ impl TellArgs {
     /// Words on the way, on standard error.
     pub fn say(self, text: &str) {
         if !self.quiet {
-            say(text);
+            say(&printable(text));
         }
     }
 
@@ -137,7 +138,11 @@ impl TellArgs {
     /// # Errors
     /// If the report cannot be written as JSON.
     pub fn choose(self, report: &impl Serialize, summary: impl FnOnce() -> String) -> Result<String, Failure> {
-        if self.quiet { Ok(String::new()) } else { self.json.choose(report, summary) }
+        if self.quiet {
+            Ok(String::new())
+        } else {
+            self.json.choose(report, || printable_lines(&summary()).into_owned())
+        }
     }
 
     /// Prints it.

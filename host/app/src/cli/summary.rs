@@ -5,6 +5,7 @@ use std::path::Path;
 
 use crate::config::RunReport;
 use lrfslam_host::mapping::MatchCounts;
+use lrfslam_host::output::Hole;
 use lrfslam_host::plural::count;
 use lrfslam_host::results::quality::{Quality, Stretch};
 use lrfslam_host::results::report::{LaserCounts, RobotCounts, Source};
@@ -120,10 +121,18 @@ fn source_notes(source: &Source) -> Vec<Note> {
         Source::Laser { laser, recording, .. } => {
             let ended = recording.as_ref().and_then(|recording| recording.fault.as_ref());
             let note = ended.map(|why| (true, format!("the recording ends before the run: {why}")));
-            laser_notes(laser).into_iter().chain(note).collect()
+            let holes = recording.iter().flat_map(|recording| hole_note("the recording", &recording.holes));
+            laser_notes(laser).into_iter().chain(note).chain(holes).collect()
         }
         Source::Robot { robot, .. } => robot_notes(robot),
     }
+}
+
+/// When the disk had no room for what is written besides the results.
+fn hole_note(what: &str, holes: &[Hole]) -> Option<Note> {
+    let (first, more) = holes.split_first()?;
+    let more = if more.is_empty() { String::new() } else { format!(" and {} more (run.json)", more.len()) };
+    Some((true, format!("{what} lacks what came when the disk had no room: {first}{more}; the map has it")))
 }
 
 fn log_notes(log: &LogCounts) -> Vec<Note> {
@@ -164,6 +173,7 @@ fn robot_notes(robot: &RobotCounts) -> Vec<Note> {
         (!robot.is_map_complete, "the robot has not told all of its map: robot-map.pgm is what came".to_owned()),
         (missing_scans > 0, format!("{} lost while the link was away for too long", scans(missing_scans))),
         (untold_sweeps > 0, format!("{} came without their beams: the link is too slow", scans(untold_sweeps))),
+        (robot.late_scans > 0, format!("{} left out: the robot is too slow for its laser", scans(robot.late_scans))),
         (tiles_forgotten > 0, format!("{tiles} of the robot's map lost: its memory was full while no host was there")),
         (
             refused_scans > 0,
@@ -172,5 +182,12 @@ fn robot_notes(robot: &RobotCounts) -> Vec<Note> {
         (dropped_particles > 0, format!("{particles} went because the robot's memory was full")),
         (robot.restarts > 0, format!("the robot started its laser anew {}", count(robot.restarts.into(), "time"))),
         (robot.damaged > 0, format!("{} of the laser's scans and replies refused as damaged", robot.damaged)),
+        (
+            robot.journal_missing > 0,
+            format!("{} missing in the journal that was gone on with", count(robot.journal_missing.into(), "message")),
+        ),
     ]
+    .into_iter()
+    .chain(hole_note("the journal", &robot.journal_holes))
+    .collect()
 }

@@ -110,7 +110,7 @@ fn wrong_input_is_named() {
     assert!(fails(&["cloud", ".", "--tilt", "tilt.txt"]).contains("--tilt goes with a log; . is a folder"));
     fs::write(folder.path().join("bad.txt"), "0 0.1\n1 x\n").unwrap();
     let error = fails(&["cloud", "room.log", "--trajectory", "path.txt", "--tilt", "bad.txt"]);
-    assert!(error.contains("bad.txt: line 2: field tilt: expected a finite number, found \"x\""), "{error}");
+    assert!(error.contains("bad.txt: line 2: field tilt: expected a finite number up to 1e12, found \"x\""), "{error}");
 }
 
 /// A corridor seen from three places by a SICK on a servo. The floor is a plane as well as the servo lets it be, and our matching

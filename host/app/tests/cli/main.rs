@@ -3,6 +3,7 @@
 mod accuracy;
 mod bad_days;
 mod bad_input;
+mod bad_table;
 mod cloud;
 mod common;
 mod doctor;

@@ -26,7 +26,7 @@ fn wall_mm(clockwise_deg: f64, at_s: f64) -> u16 {
 }
 
 /// Records an LD06 whose motor never holds its speed.
-fn record(path: &Path) {
+pub fn write_recording(path: &Path) {
     let lrf = LrfOptions::new(LrfFamily::Ld06);
     let header = RecordingHeader { program: "test".to_owned(), port: "test".to_owned(), lrf };
     let mut recorder = Recorder::new(&RecordPlan::new(path), header).unwrap();
@@ -52,7 +52,7 @@ fn record(path: &Path) {
 fn turns_as_they_are_are_replayed_mapped_and_localised() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    record(&folder.join("laser.rec"));
+    write_recording(&folder.join("laser.rec"));
     let scans = read_scans(&folder.join("laser.rec"), LogOptions::default()).unwrap();
     let numbers: BTreeSet<usize> = scans.iter().map(|scan| scan.beams.len()).collect();
     assert!(scans.len() > 150 && numbers.len() > 20, "{} scans, beams {numbers:?}", scans.len());

@@ -8,7 +8,9 @@ mod demo;
 mod doctor;
 #[cfg(feature = "demo")]
 mod keeps;
+mod kills;
 mod laser;
 #[path = "../cli/map_server.rs"]
 mod map_server;
+mod others;
 mod visits;

@@ -46,6 +46,8 @@ pub enum DriverEvent<'a> {
     LookingForOthers,
     /// The recording ends here, and why; the run goes on without.
     RecordingFailed(&'a io::Error),
+    /// The recording's disk has no room, or has room again; the recording goes on as it can.
+    OfTheDisk(&'a str),
 }
 
 /// How [`run_driver`] ended.
@@ -269,6 +271,9 @@ impl DriverRun<'_, '_> {
     fn record(&mut self, write: impl FnOnce(&mut Recorder) -> io::Result<()>) {
         if let Some(Err(error)) = self.recorder.as_mut().map(write) {
             self.tell(DriverEvent::RecordingFailed(&error));
+        }
+        if let Some(news) = self.recorder.as_mut().and_then(Recorder::news) {
+            self.tell(DriverEvent::OfTheDisk(&news));
         }
     }
 

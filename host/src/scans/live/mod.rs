@@ -1,8 +1,9 @@
 //! Scans as they come: from a laser at a port, or from a recording of one. The seam behind which the mapper stands.
 //!
-//! [`for_each_scan`] is all there is to call. A live laser is read by a thread of its own, so that a slow mapper loses scans,
+//! [`for_each_scan`] is all there is to call. A live laser is read by a thread of its own, so that a slow mapper loses scans, the oldest first,
 //! which are counted, and not bytes, which would damage them.
 
+mod queue;
 mod replay;
 mod stream;
 mod words;
@@ -10,8 +11,7 @@ mod words;
 use std::fmt;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use lrfslam_core::scan::{Beam, RangeScan};
@@ -22,7 +22,8 @@ use crate::scans::driver::{DriverEvent, GaveUp, Opener, RunEnd, Search, run_driv
 use crate::scans::family::LrfOptions;
 use crate::scans::link::Address;
 use crate::scans::recording::{RecordPlan, Recorder, RecordingEnd, RecordingHeader, RecordingReport};
-use replay::replay;
+use queue::Queue;
+use replay::{Going, replay, sum};
 use words::Words;
 
 pub use stream::{ScanStream, taken};
@@ -105,7 +106,7 @@ pub enum Item<'a> {
 pub type Take<'t> = dyn FnMut(Item<'_>) -> ControlFlow<()> + 't;
 
 /// How a source ended.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct SourceReport {
     /// The driver's counters.
     pub counters: Counters,
@@ -120,9 +121,9 @@ pub struct SourceReport {
 }
 
 impl SourceReport {
-    /// Why results are of a part only: what was replayed is damaged. One that was cut is none: all that there is was used.
+    /// Why results are of a part only: what was replayed is damaged, cut, or has holes.
     pub fn input_fault(&self) -> Option<String> {
-        self.input.filter(|end| matches!(end, RecordingEnd::Damaged { .. })).map(|end| end.to_string())
+        self.input.filter(|end| !end.is_whole()).map(|end| end.to_string())
     }
 }
 
@@ -148,9 +149,19 @@ impl SourceReport {
 /// first scan a port that is gone is no error: it is told, and tried again.
 pub fn for_each_scan(source: &ScanSource, stop: &AtomicBool, take: &mut Take<'_>) -> anyhow::Result<SourceReport> {
     match source {
-        ScanSource::Live(laser) => live_over(laser, &mut || laser.address.open(), stop, take),
-        ScanSource::Recording { path, fast } => replay(path, *fast, stop, take),
+        ScanSource::Live(laser) => {
+            let before = recorded_before(laser, stop, take)?;
+            let report = live_over(laser, &mut || laser.address.open(), stop, take)?;
+            Ok(SourceReport { counters: sum(before.counters, report.counters), ..report })
+        }
+        ScanSource::Recording { path, fast } => replay(path, Going { fast: *fast, only_checked: false }, stop, take),
     }
+}
+
+/// The scans of the run that this one goes on with, from its recording.
+fn recorded_before(laser: &LiveLaser, stop: &AtomicBool, take: &mut Take<'_>) -> anyhow::Result<SourceReport> {
+    let Some(plan) = laser.record.as_ref().filter(|plan| plan.goes_on) else { return Ok(SourceReport::default()) };
+    replay(&plan.path, Going { fast: true, only_checked: true }, stop, take)
 }
 
 /// An event that goes from the laser's thread to the consumer's.
@@ -172,9 +183,6 @@ impl Message {
     }
 }
 
-/// Scans that may wait for a slow consumer.
-const WAITING: usize = 64;
-
 /// * `open` — opens the laser's port
 fn live_over(
     laser: &LiveLaser,
@@ -189,65 +197,66 @@ fn live_over(
         lrf: options.clone(),
     };
     let recorder = laser.record.as_ref().map(|plan| Recorder::new(plan, header)).transpose()?;
-    let (sender, receiver) = sync_channel(WAITING);
-    let (enough, overrun) = (AtomicBool::new(false), AtomicU32::new(0));
+    let (queue, enough) = (Queue::default(), AtomicBool::new(false));
     let (end, laser_off) = std::thread::scope(|scope| {
-        let (enough, overrun) = (&enough, &overrun);
+        let mailbox = Mailbox { queue: &queue, enough: &enough, stop };
         let reader = scope.spawn(move || {
             let mut memories = Vec::new();
             let search = Search::new(&options, laser.any_family, laser.waits, &mut memories);
-            let mailbox = Mailbox { sender, overrun, enough, stop };
-            read_laser(search, open, recorder, &mailbox, laser.any_family)
+            let closing = Closing(mailbox.queue);
+            let end = read_laser(search, open, recorder, &mailbox, laser.any_family);
+            drop(closing);
+            end
         });
-        consume(&receiver, enough, take);
+        consume(&mailbox, take);
         // Only a panic in the reader ends it without a report.
         reader.join().unwrap_or_default()
     });
     if let Some(why) = end.gave_up {
         return Err(NoLaser { port: laser.address.to_string(), why }.into());
     }
-    let overrun = overrun.load(Ordering::Relaxed);
-    Ok(SourceReport { counters: end.counters, overrun, laser_off, recording: end.recording, input: None })
+    Ok(SourceReport {
+        counters: end.counters,
+        overrun: queue.left_out(),
+        laser_off,
+        recording: end.recording,
+        input: None,
+    })
 }
 
-/// Gives messages to the consumer until the reader is done; breaking asks the reader to stop.
-fn consume(receiver: &Receiver<Message>, enough: &AtomicBool, take: &mut Take<'_>) {
-    while let Ok(message) = receiver.recv() {
-        if enough.load(Ordering::Relaxed) && matches!(message, Message::Scan { .. }) {
+/// Gives messages to the consumer until the reader is done; breaking asks the reader to stop. When the user wants an end, what waits is not mapped any more.
+fn consume(mailbox: &Mailbox<'_>, take: &mut Take<'_>) {
+    while let Some(message) = mailbox.queue.take() {
+        if mailbox.is_over() && matches!(message, Message::Scan { .. }) {
             continue;
         }
         if take(message.item()).is_break() {
-            enough.store(true, Ordering::Relaxed);
+            mailbox.enough.store(true, Ordering::Relaxed);
         }
     }
 }
 
 /// The laser thread's way to the consumer.
+#[derive(Clone, Copy)]
 struct Mailbox<'m> {
-    sender: SyncSender<Message>,
-    overrun: &'m AtomicU32,
+    queue: &'m Queue,
     enough: &'m AtomicBool,
     stop: &'m AtomicBool,
 }
 
 impl Mailbox<'_> {
-    /// A scan that finds no room is dropped and counted; words wait.
-    fn post(&self, message: Message) {
-        match message {
-            Message::Scan { .. } => {
-                if let Err(TrySendError::Full(_)) = self.sender.try_send(message) {
-                    self.overrun.fetch_add(1, Ordering::Relaxed);
-                }
-            }
-            words => {
-                let _ = self.sender.send(words);
-            }
-        }
-    }
-
     /// Either side may want an end.
     fn is_over(&self) -> bool {
         self.enough.load(Ordering::Relaxed) || self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// Nothing more comes when this is dropped, however the reader ends.
+struct Closing<'q>(&'q Queue);
+
+impl Drop for Closing<'_> {
+    fn drop(&mut self) {
+        self.0.close();
     }
 }
 
@@ -263,7 +272,7 @@ fn read_laser(
     let mut words = Words::new(any_family);
     let end = run_driver(search, open, recorder, &|| mailbox.is_over(), &mut |_, event| {
         laser_off |= matches!(event, DriverEvent::Driver(Event::Stopped { laser_off: true }));
-        words.tell(event, &mut |message| mailbox.post(message));
+        words.tell(event, &mut |message| mailbox.queue.post(message));
         ControlFlow::Continue(())
     });
     (end, laser_off)

@@ -6,37 +6,81 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use lrfslam_core::time::Instant;
-use lrfslam_lrf::driver::{Event, Input, LrfDriver, Output, run_input};
+use lrfslam_lrf::driver::{Counters, Event, Input, LrfDriver, Output, run_input};
 
 use super::words::tell;
 use super::{Item, SourceReport, Take};
 use crate::scans::driver::LaserMemory;
 use crate::scans::family::LrfFamily;
-use crate::scans::recording::{RecordingEnd, RecordingReader};
+use crate::scans::recording::{Entry, RecordingEnd, RecordingReader};
+
+/// How a recording is gone through.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Going {
+    /// As fast as possible.
+    pub fast: bool,
+    /// Not beyond the last check: what a run that goes on takes as recorded.
+    pub only_checked: bool,
+}
 
 /// Gives a recorded driver its recorded inputs at their recorded times: it then says what it said.
-pub(super) fn replay(path: &Path, fast: bool, stop: &AtomicBool, take: &mut Take<'_>) -> anyhow::Result<SourceReport> {
+pub(super) fn replay(
+    path: &Path,
+    going: Going,
+    stop: &AtomicBool,
+    take: &mut Take<'_>,
+) -> anyhow::Result<SourceReport> {
     let mut reader = RecordingReader::open(path)?;
+    if going.only_checked {
+        reader.skip_unchecked();
+    }
+    let mut report = SourceReport::default();
+    let mut pace = Pace::new(going.fast);
+    while replay_driver(&mut reader, &mut pace, stop, &mut report, take) {}
+    report.input = reader.end();
+    if let Some(end) = report.input.filter(|end| *end != RecordingEnd::WHOLE && !going.only_checked) {
+        let _ = take(Item::Said(&end.to_string()));
+    }
+    Ok(report)
+}
+
+/// One program's part of a recording; true if another one's follows.
+fn replay_driver(
+    reader: &mut RecordingReader,
+    pace: &mut Pace,
+    stop: &AtomicBool,
+    report: &mut SourceReport,
+    take: &mut Take<'_>,
+) -> bool {
     let mut memory = LaserMemory::default();
     let options = reader.header().lrf.clone();
     let mut driver = options.driver(&mut memory);
-    let mut report = SourceReport::default();
-    let mut pace = Pace::new(fast);
-    for (now, entry) in reader.by_ref() {
+    let mut is_followed = false;
+    for (now, entry) in reader {
+        if entry == Entry::GoesOn {
+            is_followed = true;
+            break;
+        }
         let Some(input) = entry.input() else { continue };
         if stop.load(Ordering::Relaxed) || !pace.wait_for(now, stop) {
             break;
         }
-        if give(driver.as_mut(), now, input, &mut report, (options.family, take)).is_break() {
+        if give(driver.as_mut(), now, input, report, (options.family, take)).is_break() {
             break;
         }
     }
-    report.counters = driver.counters();
-    report.input = reader.end();
-    if report.input == Some(RecordingEnd::Cut) {
-        let _ = take(Item::Said(&RecordingEnd::Cut.to_string()));
+    report.counters = sum(report.counters, driver.counters());
+    is_followed
+}
+
+/// What two drivers counted, one after the other.
+pub(super) fn sum(before: Counters, then: Counters) -> Counters {
+    let Counters { scans, damaged, restarts } = before;
+    Counters {
+        scans: scans.saturating_add(then.scans),
+        damaged: damaged.saturating_add(then.damaged),
+        restarts: restarts.saturating_add(then.restarts),
     }
-    Ok(report)
 }
 
 fn give(

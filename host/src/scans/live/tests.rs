@@ -116,7 +116,7 @@ fn found(play: fn(&FarEnd), family: LrfFamily) -> Vec<String> {
         ControlFlow::Continue(())
     });
     let replayed = replayed.unwrap();
-    assert_eq!((replayed.input, replayed.input_fault()), (Some(RecordingEnd::Whole), None));
+    assert_eq!((replayed.input, replayed.input_fault()), (Some(RecordingEnd::WHOLE), None));
     assert_eq!((scans, replayed.counters.scans), (report.counters.scans, report.counters.scans));
     heard.said
 }

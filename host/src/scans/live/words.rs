@@ -50,6 +50,7 @@ impl Words {
             DriverEvent::RecordingFailed(error) => {
                 post(Message::Said(format!("the recording ends here, the run goes on: {error}")));
             }
+            DriverEvent::OfTheDisk(news) => post(Message::Said(news.to_owned())),
         }
     }
 

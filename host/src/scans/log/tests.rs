@@ -87,7 +87,7 @@ fn damaged_lines_are_left_out_and_named() {
     let named: Vec<String> = counts.damaged.iter().map(DamagedLine::to_string).collect();
     assert_eq!(named[0], "line 2: field range 2 of 2: expected a number (m), found \"x\"");
     assert!(named[1].starts_with("line 3: field 5 and on: expected 7 to 9 fields"), "{named:?}");
-    assert_eq!(named[2], "line 5: field time: expected a finite number, found \"inf\"");
+    assert_eq!(named[2], "line 5: field time: expected a finite number up to 1e12, found \"inf\"");
     assert_eq!(named[3], "line 6: field line: expected at most 1048576 bytes, found \"more\"");
     assert_eq!((counts.damaged_lines, named.len(), counts.is_badly_damaged()), (4, 4, true));
 }

@@ -1,14 +1,15 @@
 //! Writes a recording: from the moment that a laser is found, up to a size.
 
-use std::fs::{self, File, OpenOptions};
-use std::io::{self, ErrorKind, Write as _};
+use std::fs::{self, OpenOptions};
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use lrfslam_core::time::Instant;
 use lrfslam_lrf::driver::Input;
 
-use super::{CRC32, HEAD, MAGIC, RecordingHeader};
+use super::{CRC32, GOES_ON, HEAD, MAGIC, RecordingHeader, RecordingReader};
+use crate::output::{GrowingFile, Hole};
 use crate::scans::family::LrfFamily;
 
 /// Where to record to, and how much.
@@ -20,17 +21,19 @@ pub struct RecordPlan {
     pub max_bytes: u64,
     /// A file that is there already may go.
     pub overwrite: bool,
+    /// Goes on in the recording of a run that was killed, of the same laser; nothing of it goes.
+    pub goes_on: bool,
 }
 
 impl RecordPlan {
     /// * `path` — a file that is not there yet; up to 2000 MB, which is four hours of the fastest laser here (a UTM-30LX, 140 kB/s)
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), max_bytes: 2_000_000_000, overwrite: false }
+        Self { path: path.into(), max_bytes: 2_000_000_000, overwrite: false, goes_on: false }
     }
 }
 
 /// What became of a recording.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct RecordingReport {
     /// The file, as it was called when it began.
     pub path: PathBuf,
@@ -38,6 +41,8 @@ pub struct RecordingReport {
     pub bytes: u64,
     /// Why it ends before the run did.
     pub fault: Option<String>,
+    /// When the disk had no room for it.
+    pub holes: Vec<Hole>,
 }
 
 /// To the file at least this often, µs, so that little is lost however the program ends.
@@ -53,7 +58,7 @@ const CLOSING: u64 = 2 * HEAD as u64 + 4;
 enum State {
     /// No laser was found yet: records wait, and there is no file.
     Waiting,
-    Writing(File),
+    Writing(GrowingFile),
     Ended(Option<String>),
 }
 
@@ -75,6 +80,9 @@ pub struct Recorder {
     now: Instant,
     /// In the file.
     bytes: u64,
+    /// The first record that the disk had no room for, since the last one that it had.
+    missing_since: Option<Instant>,
+    holes: Vec<Hole>,
 }
 
 impl Recorder {
@@ -85,8 +93,13 @@ impl Recorder {
     pub fn new(plan: &RecordPlan, header: RecordingHeader) -> anyhow::Result<Self> {
         let name = plan.path.display();
         let is_there = plan.path.exists();
-        anyhow::ensure!(plan.overwrite || !is_there, "{name}: is there already (--overwrite replaces it)");
+        anyhow::ensure!(
+            plan.overwrite || plan.goes_on || !is_there,
+            "{name}: is there already (--overwrite replaces it)"
+        );
         anyhow::ensure!(!plan.path.is_dir(), "{name}: cannot be written: it is a folder");
+        let is_other = fs::symlink_metadata(&plan.path).is_ok() && !plan.path.is_file();
+        anyhow::ensure!(!is_other, "{name}: cannot be written: it is no regular file");
         tempfile::tempfile_in(folder_there(&plan.path)).with_context(|| format!("{name}: cannot be written"))?;
         let (plan, now) = (plan.clone(), Instant::default());
         Ok(Self {
@@ -98,6 +111,8 @@ impl Recorder {
             block_since: None,
             now,
             bytes: 0,
+            missing_since: None,
+            holes: Vec::new(),
         })
     }
 
@@ -117,7 +132,10 @@ impl Recorder {
         self.save()
     }
 
-    fn create(&mut self) -> io::Result<File> {
+    fn create(&mut self) -> io::Result<GrowingFile> {
+        if self.plan.goes_on {
+            return self.go_on();
+        }
         let text = toml::to_string(&self.header).map_err(io::Error::other)?;
         let head = [&MAGIC[..], &(text.len() as u32).to_le_bytes(), text.as_bytes()].concat();
         self.plan.path.parent().map_or(Ok(()), fs::create_dir_all)?;
@@ -126,9 +144,27 @@ impl Recorder {
         let path = self.aside.as_ref().unwrap_or(&self.plan.path);
         let mut options = OpenOptions::new();
         options.write(true).create(true).truncate(true).create_new(!self.plan.overwrite);
-        let mut file = options.open(path)?;
-        file.write_all(&head)?;
+        let mut file = GrowingFile::new(path, options.open(path)?);
+        // Nothing waits yet: it is taken.
+        let _ = file.write(&head);
         self.bytes = head.len() as u64;
+        Ok(file)
+    }
+
+    /// Behind what is there, whatever that ends with.
+    fn go_on(&mut self) -> io::Result<GrowingFile> {
+        let known = RecordingReader::open(&self.plan.path).map_err(|error| io::Error::other(format!("{error:#}")))?;
+        if known.header().lrf != self.header.lrf {
+            return Err(io::Error::other("it is of another laser, or of one that was asked for something else"));
+        }
+        let file = OpenOptions::new().append(true).open(&self.plan.path)?;
+        self.bytes = file.metadata()?.len();
+        let mut file = GrowingFile::new(&self.plan.path, file);
+        let mut block = Vec::new();
+        push(&mut block, b'n', self.now, GOES_ON);
+        seal(&mut block, self.now);
+        let _ = file.write(&block);
+        self.bytes += block.len() as u64;
         Ok(file)
     }
 
@@ -168,7 +204,7 @@ impl Recorder {
     /// An input that the driver is given.
     ///
     /// # Errors
-    /// If the file cannot be written, or is full: said once, and nothing is written any more.
+    /// If it is as large as it may get: said once, and nothing is written any more.
     pub fn input(&mut self, now: Instant, input: Input<'_>) -> io::Result<()> {
         match input {
             Input::Connected => self.record(b'c', now, b""),
@@ -212,18 +248,34 @@ impl Recorder {
         if is_due { self.save() } else { Ok(()) }
     }
 
-    /// Puts what waits into the file at once, and its check behind it.
+    /// Puts what waits into the file at once, and its check behind it; what the disk has no room for, and memory neither, is missing.
     fn save(&mut self) -> io::Result<()> {
         let State::Writing(file) = &mut self.state else { return Ok(()) };
-        if self.block_since.take().is_none() {
-            return Ok(());
+        let Some(since) = self.block_since.take() else { return Ok(()) };
+        let mut block = Vec::new();
+        if let Some(from) = self.missing_since {
+            let times = [from.micros.to_le_bytes(), since.micros.to_le_bytes()].concat();
+            push(&mut block, b'm', since, &times);
         }
-        let check = CRC32.checksum(&self.block);
-        push(&mut self.block, b'#', self.now, &check.to_le_bytes());
-        let written = file.write_all(&self.block);
-        self.bytes += self.block.len() as u64;
-        self.block.clear();
-        written.or_else(|error| self.end_with(error))
+        block.append(&mut self.block);
+        seal(&mut block, self.now);
+        match file.write(&block) {
+            Ok(()) => {
+                self.bytes += block.len() as u64;
+                self.missing_since = None;
+            }
+            Err(_) => self.missing_since = self.missing_since.or(Some(since)),
+        }
+        self.holes = file.holes();
+        Ok(())
+    }
+
+    /// What there is to tell of the disk.
+    pub fn news(&mut self) -> Option<String> {
+        match &mut self.state {
+            State::Writing(file) => file.news(),
+            State::Waiting | State::Ended(_) => None,
+        }
     }
 
     /// The last check, and the end.
@@ -231,8 +283,11 @@ impl Recorder {
         self.save()?;
         let State::Writing(file) = &mut self.state else { return Ok(()) };
         push(&mut self.block, b'e', self.now, b"");
-        let written = file.write_all(&self.block);
-        self.bytes += self.block.len() as u64;
+        if file.write(&self.block).is_ok() {
+            self.bytes += self.block.len() as u64;
+        }
+        let written = file.finish();
+        self.holes = file.holes();
         written.or_else(|error| self.end_with(error))
     }
 
@@ -263,7 +318,7 @@ impl Recorder {
             State::Writing(_) => None,
             State::Ended(fault) => fault.clone(),
         };
-        Some(RecordingReport { path: self.plan.path.clone(), bytes: self.bytes, fault })
+        Some(RecordingReport { path: self.plan.path.clone(), bytes: self.bytes, fault, holes: self.holes.clone() })
     }
 }
 
@@ -287,90 +342,11 @@ fn push(block: &mut Vec<u8>, kind: u8, now: Instant, payload: &[u8]) {
     block.extend_from_slice(payload);
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::scans::family::LrfOptions;
-    use crate::scans::recording::{RecordingEnd, RecordingReader};
-
-    fn header() -> RecordingHeader {
-        let lrf = LrfOptions::new(LrfFamily::Hokuyo);
-        RecordingHeader { program: "test".into(), port: "none".into(), lrf }
-    }
-
-    #[test]
-    fn an_older_file_stays_until_a_scan_has_come_and_longer_unless_it_may_go() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("laser.rec");
-        fs::write(&path, "precious").unwrap();
-        let refused = Recorder::new(&RecordPlan::new(&path), header()).unwrap_err().to_string();
-        assert!(refused.contains("is there already (--overwrite replaces it)"), "{refused}");
-        let plan = RecordPlan { overwrite: true, ..RecordPlan::new(&path) };
-        let mut recorder = Recorder::new(&plan, header()).unwrap();
-        recorder.input(Instant::default(), Input::Connected).unwrap();
-        recorder.finish().unwrap();
-        assert_eq!((fs::read(&path).unwrap(), recorder.report()), (b"precious".to_vec(), None));
-        let begun = || {
-            let mut recorder = Recorder::new(&plan, header()).unwrap();
-            recorder.begin(LrfFamily::Ld06).unwrap();
-            recorder.input(Instant::default(), Input::Timeout).unwrap();
-            recorder
-        };
-        drop(begun());
-        assert_eq!(fs::read(&path).unwrap(), b"precious", "a program that was killed");
-        let mut recorder = begun();
-        recorder.finish().unwrap();
-        assert_eq!(recorder.report().unwrap().fault.unwrap(), "no scan came: the older file stays");
-        assert_eq!((fs::read(&path).unwrap(), fs::read_dir(folder.path()).unwrap().count()), (b"precious".to_vec(), 1));
-        let mut recorder = begun();
-        recorder.scan_came().unwrap();
-        recorder.finish().unwrap();
-        assert_eq!((recorder.report().unwrap().fault, fs::read_dir(folder.path()).unwrap().count()), (None, 1));
-        assert_eq!(RecordingReader::open(&path).unwrap().header().lrf.family, LrfFamily::Ld06);
-    }
-
-    #[test]
-    fn a_file_that_came_meanwhile_is_not_overwritten_either() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("laser.rec");
-        let mut recorder = Recorder::new(&RecordPlan::new(&path), header()).unwrap();
-        fs::write(&path, "precious").unwrap();
-        assert!(recorder.begin(LrfFamily::Hokuyo).is_err());
-        recorder.input(Instant::default(), Input::Timeout).expect("said once");
-        assert_eq!(fs::read(&path).unwrap(), b"precious");
-        assert!(recorder.report().unwrap().fault.unwrap().contains("exists"));
-    }
-
-    #[test]
-    fn a_place_where_nothing_can_be_written_is_refused_at_the_start() {
-        let folder = tempfile::tempdir().unwrap();
-        fs::write(folder.path().join("file"), "").unwrap();
-        for path in [folder.path().join("file/laser.rec"), folder.path().to_owned()] {
-            let plan = RecordPlan { overwrite: true, ..RecordPlan::new(path) };
-            let error = Recorder::new(&plan, header()).unwrap_err().to_string();
-            assert!(error.contains("cannot be written"), "{error}");
-        }
-    }
-
-    #[test]
-    fn a_full_one_ends_below_its_size_and_is_whole_wherever_it_was_moved() {
-        let folder = tempfile::tempdir().unwrap();
-        let (path, moved) = (folder.path().join("a/laser.rec"), folder.path().join("b"));
-        let plan = RecordPlan { max_bytes: 300_000, ..RecordPlan::new(&path) };
-        let mut recorder = Recorder::new(&plan, header()).unwrap();
-        recorder.begin(LrfFamily::Hokuyo).unwrap();
-        fs::rename(folder.path().join("a"), &moved).unwrap();
-        let record = |index: i64| recorder.input(Instant::from_micros(index * 1000), Input::Bytes(&[7; 100]));
-        let faults: Vec<String> = (0..4000).map(record).filter_map(|done| Some(done.err()?.to_string())).collect();
-        assert_eq!(faults, ["full at 0 MB (--record-max)"]);
-        recorder.finish().unwrap();
-        let report = recorder.report().unwrap();
-        let file = moved.join("laser.rec");
-        assert_eq!((report.bytes, report.fault), (fs::metadata(&file).unwrap().len(), Some(faults[0].clone())));
-        assert!((299_000..=300_000).contains(&report.bytes), "{}", report.bytes);
-        let mut reader = RecordingReader::open(&file).unwrap();
-        let count = reader.by_ref().count();
-        assert_eq!(reader.end(), Some(RecordingEnd::Whole));
-        assert!((2600..2660).contains(&count), "{count}");
-    }
+/// The check of a block, behind it.
+fn seal(block: &mut Vec<u8>, now: Instant) {
+    let check = CRC32.checksum(block);
+    push(block, b'#', now, &check.to_le_bytes());
 }
+
+#[cfg(test)]
+mod tests;

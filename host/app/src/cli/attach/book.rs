@@ -21,6 +21,9 @@ const TELL_EVERY: WallDuration = WallDuration::from_secs(2);
 /// A robot that is not there is waited for so long, unless the user says otherwise.
 const GIVE_UP: WallDuration = WallDuration::from_secs(10);
 
+/// Lines of a robot that are shown.
+const WORDS_MAX: u32 = 1000;
+
 /// What is heard, life after life of the robot.
 pub(super) struct Book<'a> {
     args: &'a AttachArgs,
@@ -33,10 +36,14 @@ pub(super) struct Book<'a> {
     /// Number of the robot's life that `run` is about, from 1.
     pub(super) life: u32,
     pub(super) messages: u64,
+    /// Lines that the robot has said.
+    words: u32,
     /// Robots still to come before the one that is meant: with --restart, what the one that is there says is of no interest.
     robots_to_come: u32,
     told_at: WallInstant,
     is_lost: bool,
+    /// The robot has another host.
+    is_busy: bool,
     /// What is wrong with the port.
     trouble: Option<String>,
     pub(super) damaged_frames: u32,
@@ -72,7 +79,11 @@ impl<'a> Book<'a> {
                 let (last, place) = last_life(out).ok_or_else(none).map_err(Failure::Start)?;
                 let stored = ResultFolder::go_on(&place, JOURNAL)
                     .and_then(|stored| RobotRun::resume(stored, config.robot_setup(), args.seed.seed));
-                (run, life) = (Some(stored.map_err(Failure::Start)?), last);
+                let stored = stored.map_err(Failure::Start)?;
+                if let Some(skipped) = stored.skipped() {
+                    say(&format!("{}: {skipped}; the file stays as it is", stored.folder().growing(JOURNAL).display()));
+                }
+                (run, life) = (Some(stored), last);
             }
             None => folder = Some(args.out.folder("robot")?),
         }
@@ -84,9 +95,11 @@ impl<'a> Book<'a> {
             first: args.out.named().map(Path::to_owned),
             life,
             messages: 0,
+            words: 0,
             robots_to_come: if args.restart { 2 } else { 0 },
             told_at: WallInstant::now(),
             is_lost: false,
+            is_busy: false,
             trouble: None,
             damaged_frames: 0,
             is_refused: false,
@@ -101,6 +114,8 @@ impl<'a> Book<'a> {
 
     pub(super) fn take(&mut self, event: LinkEvent<'_>) {
         match event {
+            // A robot that has another host opens, and closes at once.
+            LinkEvent::Open | LinkEvent::Gone(_) if self.is_busy => {}
             LinkEvent::Open => {
                 (self.is_lost, self.trouble) = (false, None);
                 self.say(&format!("{} is open", self.args.port));
@@ -116,6 +131,7 @@ impl<'a> Book<'a> {
                 (self.is_lost, self.trouble) = (true, Some(why));
             }
             LinkEvent::Robot(RobotEvent::NewRobot) => {
+                self.is_busy = false;
                 self.robots_to_come = self.robots_to_come.saturating_sub(1);
                 self.say("a robot is there");
             }
@@ -124,6 +140,8 @@ impl<'a> Book<'a> {
                 self.run.iter_mut().for_each(|run| run.set_status(&status));
             }
             LinkEvent::Robot(RobotEvent::Foreign(why)) => self.fail(why.into()),
+            LinkEvent::Robot(RobotEvent::Absurd(why)) => self.fail(why.into()),
+            LinkEvent::Robot(RobotEvent::Busy) => self.take_busy(),
             LinkEvent::Robot(RobotEvent::Message(told)) => self.take_told(&told),
             LinkEvent::Robot(RobotEvent::Recall(recall)) => {
                 self.run.iter().for_each(|run| recall.answer(run.map().to_give_back()));
@@ -143,6 +161,15 @@ impl<'a> Book<'a> {
         self.fault.get_or_insert(fault);
     }
 
+    /// Said once; it may be let go.
+    fn take_busy(&mut self) {
+        let busy = format!("{}: another host is attached to this robot", self.args.port);
+        if !std::mem::replace(&mut self.is_busy, true) {
+            say(&format!("{busy}; trying again"));
+        }
+        self.trouble = Some(busy);
+    }
+
     fn take_told(&mut self, told: &Told<'_>) {
         self.messages += 1;
         let known = self.run.as_ref().and_then(RobotRun::progress);
@@ -151,6 +178,7 @@ impl<'a> Book<'a> {
         }
         let stored = self.run.as_mut().map_or(Ok(()), |run| run.take(told));
         stored.unwrap_or_else(|fault| self.fail(fault));
+        self.run.as_mut().and_then(RobotRun::journal_news).iter().for_each(|news| say(news));
         match told.message() {
             Some(FromRobot::Identity(identity)) => {
                 let state = if identity.is_configured { "mapping already" } else { "waiting" };
@@ -160,7 +188,14 @@ impl<'a> Book<'a> {
                     count(identity.capacities.particles.into(), "particle")
                 ));
             }
-            Some(FromRobot::Said(words)) => self.say(words),
+            Some(FromRobot::Said(words)) => {
+                self.words += 1;
+                match self.words {
+                    ..WORDS_MAX => self.say(words),
+                    WORDS_MAX => self.say("the robot says ever more: no more of it is shown"),
+                    _ => {}
+                }
+            }
             Some(FromRobot::Refused(reason)) => {
                 self.is_refused = true;
                 self.fail(anyhow!("the robot refuses: {reason}"));
@@ -199,6 +234,9 @@ impl<'a> Book<'a> {
     /// Writes what is known of the robot's life; a fault makes any ending a failure.
     pub(super) fn close(&mut self, ending: Ending, why: Option<&anyhow::Error>) {
         let Some(mut run) = self.run.take() else { return };
+        if let Err(error) = run.finish_journal() {
+            say(&format!("{}: {error}", run.folder().growing(JOURNAL).display()));
+        }
         // Without a scan what was there before stays; a robot that is left mapping is resumed by the journal.
         if run.map().scans().is_empty() {
             if !self.args.keep_running && !self.args.resume {

@@ -1,0 +1,181 @@
+//! Every entry by which bytes of others come in, for fuzzing: each takes any bytes, and must come back.
+//!
+//! `fuzz/` runs them with coverage for hours; the test `fuzzed` spoils small samples of what is right, for seconds.
+
+use std::fs;
+use std::io::Cursor;
+use std::path::Path;
+
+use lrfslam_app::config::RunConfig;
+use lrfslam_core::time::{Duration, Instant};
+use lrfslam_firmware_sim::scenario::Scenario;
+use lrfslam_host::mapping::saved_map::SavedMap;
+use lrfslam_host::robot::{ClientMemory, JOURNAL, Journal, Judge, RobotClient, RobotEvent, RobotMap, Sweeps};
+use lrfslam_host::scans::log::{LogOptions, LogReader};
+use lrfslam_host::scans::recording::RecordingReader;
+use lrfslam_robot::wire::frame::{MAX_FRAME, encode};
+use lrfslam_robot::wire::message::{FromRobot, Health};
+use lrfslam_robot::{CompactPools, Input, Pools as _, Ports, Robot, RobotConfig};
+
+/// An entry, and what it is called.
+pub type Entry = (&'static str, fn(&[u8]));
+
+/// All of them.
+pub const ENTRIES: [Entry; 10] = [
+    ("logs", logs),
+    ("configurations", configurations),
+    ("robots", robots),
+    ("hosts", hosts),
+    ("recordings", recordings),
+    ("maps", maps),
+    ("journals", journals),
+    ("worlds", worlds),
+    ("images", images),
+    ("trajectories", trajectories),
+];
+
+/// A log, as a reader takes it.
+pub fn logs(bytes: &[u8]) {
+    let reader = LogReader::from_reader("a.log", Cursor::new(bytes.to_vec()), LogOptions::default());
+    assert!(reader.map_or(0, |reader| reader.take(10_000).count()) <= 10_000);
+}
+
+/// A file for `--config`.
+pub fn configurations(bytes: &[u8]) {
+    in_folder(&[("a.toml", bytes)], |folder| {
+        let _ = RunConfig::load_over(RunConfig::default(), Some(&folder.join("a.toml")), &[]);
+    });
+}
+
+/// What a robot hears from a host that may be any: raw bytes, and the payloads of whole frames.
+pub fn robots(bytes: &[u8]) {
+    let mut pools = Box::new(CompactPools::EMPTY);
+    let mut robot = Robot::new("fuzzed", 7, pools.lend());
+    let mut silent = Silent;
+    let mut now = Instant::from_micros(1_000_000);
+    let _ = robot.handle(now, Input::LinkConnected, &mut silent);
+    for_each_piece(bytes, |piece| {
+        now = now + Duration::from_millis(10);
+        let _ = robot.handle(now, Input::LinkBytes(piece), &mut silent);
+        let _ = robot.handle(now, Input::Timeout, &mut silent);
+    });
+}
+
+struct Silent;
+
+impl Ports for Silent {
+    fn send_to_laser(&mut self, _: &[u8]) {}
+    fn set_laser_baud(&mut self, _: u32) {}
+    fn link_room(&self) -> usize {
+        MAX_FRAME
+    }
+    fn send_to_host(&mut self, _: &[u8]) {}
+    fn restart(&mut self) {}
+    fn health(&self) -> Health {
+        Health::default()
+    }
+}
+
+/// What a host hears from a robot that may be any.
+pub fn hosts(bytes: &[u8]) {
+    let mut memory = ClientMemory::default();
+    let config = RobotConfig::default();
+    let mut client = RobotClient::new(&config, 20, None, &mut memory);
+    let mut now = Instant::from_micros(1_000_000);
+    client.session().connected(now);
+    let (mut judge, mut map, mut sweeps) = (Judge::default(), RobotMap::default(), Sweeps::default());
+    let mut take = |message: &FromRobot<'_>| {
+        if judge.check(message).is_ok() {
+            map.take(message);
+            match message {
+                FromRobot::Sweep(part) => sweeps.take_part(part),
+                FromRobot::Scan(pose) => drop(sweeps.taken_at(pose.stamp)),
+                _ => {}
+            }
+        }
+    };
+    for_each_piece(bytes, |piece| {
+        now = now + Duration::from_millis(10);
+        client.take(now, piece, &mut |event| match event {
+            RobotEvent::Message(told) => told.message().iter().for_each(&mut take),
+            RobotEvent::Recall(recall) => recall.answer(&lrfslam_host::robot::Tiles::new()),
+            _ => {}
+        });
+        client.session().timeout(now);
+        while client.session().poll_transmit(now, &mut [0; MAX_FRAME]).is_some() {}
+    });
+    let _ = map.path();
+}
+
+/// A recording of a laser.
+pub fn recordings(bytes: &[u8]) {
+    let Ok(mut reader) = RecordingReader::new(bytes) else { return };
+    let count = reader.by_ref().count();
+    assert!(count <= bytes.len() && reader.end().is_some());
+}
+
+/// A saved map, as `map.lrfslam` in a folder.
+pub fn maps(bytes: &[u8]) {
+    in_folder(&[("map.lrfslam", bytes)], |folder| drop(SavedMap::read(folder)));
+}
+
+/// A robot's journal. It stays as it is.
+pub fn journals(bytes: &[u8]) {
+    in_folder(&[(JOURNAL, bytes)], |folder| {
+        let mut judge = Judge::default();
+        let _ = Journal::resume(&folder.join(JOURNAL), |told| {
+            told.message().iter().for_each(|message| drop(judge.check(message)));
+        });
+        assert!(fs::read(folder.join(JOURNAL)).is_ok_and(|now| now.starts_with(bytes)), "a journal got shorter");
+    });
+}
+
+/// A world of the simulator.
+pub fn worlds(bytes: &[u8]) {
+    if let Ok(text) = std::str::from_utf8(bytes) {
+        let _ = Scenario::parse(text, "a.toml", Path::new("/nonexistent"));
+    }
+}
+
+/// The picture of a ROS map.
+pub fn images(bytes: &[u8]) {
+    let yaml = b"image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n";
+    in_folder(&[("m.yaml", yaml), ("m.pgm", bytes)], |folder| {
+        let _ = Scenario::load(&folder.join("m.yaml").display().to_string());
+    });
+}
+
+/// A trajectory.
+pub fn trajectories(bytes: &[u8]) {
+    in_folder(&[("a.tum", bytes)], |folder| drop(lrfslam_host::trajectory::read_trajectory(&folder.join("a.tum"))));
+}
+
+/// With these files, for a moment.
+fn in_folder(files: &[(&str, &[u8])], look: impl FnOnce(&Path)) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    files.iter().for_each(|(name, bytes)| fs::write(folder.path().join(name), bytes).expect("room for it"));
+    look(folder.path());
+}
+
+/// Pieces of a conversation: a byte whose upper seven bits are their length in units of 8 bytes; if the lowest is set they come as they are, else as the
+/// payload of a frame.
+fn for_each_piece(bytes: &[u8], mut give: impl FnMut(&[u8])) {
+    let mut rest = bytes;
+    while let Some((length, after)) = rest.split_first() {
+        let (piece, after) = after.split_at(after.len().min(8 * usize::from(*length / 2)));
+        rest = after;
+        let mut memory = [0; MAX_FRAME];
+        match length % 2 {
+            0 => give(encode(piece, &mut memory).unwrap_or_default()),
+            _ => give(piece),
+        }
+    }
+}
+
+/// `bytes` as such a piece: a payload that becomes a frame, cut if it is long.
+pub fn piece(payload: &[u8]) -> Vec<u8> {
+    let units = payload.len().div_ceil(8).min(127);
+    let mut piece = vec![2 * units as u8];
+    piece.extend(payload.iter().copied().chain(std::iter::repeat(0)).take(8 * units));
+    piece
+}
