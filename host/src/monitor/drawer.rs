@@ -6,6 +6,7 @@
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use lrfslam_core::geometry::{Point2, Pose2};
+use lrfslam_core::time::Instant;
 
 use super::batch::{Batch, Now, State};
 use super::layers::{APART, Layers, MAP};
@@ -207,6 +208,8 @@ impl Drawer {
             scene.path_began = scene.revision();
             (self.pathed, self.last_point, self.status.way_m) = (0, None, 0.0);
         }
+        // A stamp since 1970 is too large for what is sent.
+        let began = self.track.poses.first().map_or(Instant::default(), |first| first.pose.stamp);
         for given in &self.track.poses[self.pathed..] {
             let pose = self.track.place(given);
             let moved_m = self.last_point.map_or(f32::INFINITY, |last| (pose.position() - last).norm());
@@ -218,7 +221,7 @@ impl Drawer {
             scene.path.push(PathPoint {
                 x_m: pose.x,
                 y_m: pose.y,
-                time_s: given.pose.stamp.as_secs_f64() as f32,
+                time_s: given.pose.stamp.since(began).micros as f32 / 1e6,
                 is_trusted: !given.pose.is_lost && self.track.piece(given) == self.track.map_piece,
                 changed: scene.revision(),
             });
@@ -238,7 +241,7 @@ impl Drawer {
             (scene.closures.is, scene.closures.changed) = (closures, changed);
         }
         if self.hits != scene.scan.is {
-            (scene.scan.is, scene.scan.changed) = (std::mem::take(&mut self.hits), changed);
+            (scene.scan.is, scene.scan.changed) = (self.hits.clone(), changed);
         }
         if let Some(now) = &self.now {
             let map_from_low = now.map_from_robot.map(|pose| pose * now.low_from_robot.inverse());

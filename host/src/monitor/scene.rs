@@ -12,6 +12,7 @@ use super::status::Status;
 pub(super) struct PathPoint {
     pub x_m: f32,
     pub y_m: f32,
+    /// Since the first pose.
     pub time_s: f32,
     /// The scan there fits, and the point lies in the map.
     pub is_trusted: bool,

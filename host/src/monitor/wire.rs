@@ -7,7 +7,7 @@
 //! | --- | --- |
 //! | 1 status | [`Status`](super::Status) as JSON |
 //! | 2 tiles | edge of a cell; edge of a tile in cells, tiles (`u32`); each: layer, column, row, bytes (`i32`), and these: runs of cells |
-//! | 3 path | index of the first point: from there all are replaced; each: x, y, time in s, 1 if trusted else 0 |
+//! | 3 path | index of the first point: from there all are replaced; each: x, y, s since the first pose, 1 if trusted else 0 |
 //! | 4 closures | each: x, y, x, y of its ends |
 //! | 5 scan | each hit: x, y, fit: 0 on a wall, 1 near one, 2 where nothing was known, 3 where the map is free |
 //! | 6 particles | each: x, y, heading, weight |

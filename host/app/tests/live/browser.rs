@@ -72,9 +72,9 @@ impl Browser {
         }
     }
 
-    /// A page of `size` pixels.
+    /// A page in a window of its own, `size` pixels large: one behind another is not painted.
     pub fn open(&mut self, url: &str, [width, height]: [u32; 2]) -> Page {
-        let target = self.call(None, "Target.createTarget", json!({ "url": "about:blank" }));
+        let target = self.call(None, "Target.createTarget", json!({ "url": "about:blank", "newWindow": true }));
         let attach = json!({ "targetId": target["targetId"], "flatten": true });
         let session = self.call(None, "Target.attachToTarget", attach);
         let page = Page(session["sessionId"].as_str().expect("a session").to_owned());
