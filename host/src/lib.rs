@@ -10,6 +10,7 @@ pub mod input;
 pub mod localize;
 pub mod mapping;
 pub mod maps;
+pub mod monitor;
 pub mod output;
 pub mod places;
 pub mod plural;

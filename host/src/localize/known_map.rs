@@ -48,7 +48,8 @@ impl KnownMap {
         &self.walls
     }
 
-    pub(super) fn high(&self) -> &HighSlam<'static> {
+    /// Its path, and what it was drawn from.
+    pub(crate) fn high(&self) -> &HighSlam<'static> {
         &self.high
     }
 

@@ -20,6 +20,8 @@ pub trait LowLevel {
     fn has_particles(&self) -> bool;
     /// How the matching went.
     fn counts(&self) -> MatchCounts;
+    /// Poses and weights of the particles, in the low level's map, for those who watch; none of matching alone.
+    fn particles(&self) -> Vec<(Pose2, f32)>;
 }
 
 /// What the low level says of a scan.

@@ -129,6 +129,16 @@ impl LowLevel for Mapper<'_> {
     fn counts(&self) -> MatchCounts {
         self.counts
     }
+
+    fn particles(&self) -> Vec<(Pose2, f32)> {
+        match &self.engine {
+            Engine::Matcher(_) => Vec::new(),
+            Engine::DpSlam(engine) => {
+                let particles = engine.slam.filter().particles().iter();
+                particles.map(|particle| (particle.map_from_robot, particle.weight)).collect()
+            }
+        }
+    }
 }
 
 impl DpSlam<'_> {

@@ -218,6 +218,20 @@ impl OccupancyMap {
         }
     }
 
+    /// Edge of a tile, cells: by tiles a map is looked at in part.
+    pub const TILE_CELLS: usize = TILE;
+
+    /// Column and row of every tile that a ray has passed, in no order; a tile begins at that many times [`TILE_CELLS`](Self::TILE_CELLS).
+    pub fn tiles(&self) -> impl Iterator<Item = (i32, i32)> + '_ {
+        self.places.keys().copied()
+    }
+
+    /// What is known of the cells of a tile, row by row from below; none of one that no ray has passed.
+    pub fn tile(&self, tile: (i32, i32)) -> impl Iterator<Item = Occupancy> + '_ {
+        let cells = self.places.get(&tile).map_or(&[][..], |&tile| &self.tiles[tile]);
+        cells.iter().map(|cell| self.judge(*cell))
+    }
+
     /// Edge of a cell, m.
     pub fn cell_size_m(&self) -> f32 {
         self.config.cell_size_m

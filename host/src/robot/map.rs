@@ -64,6 +64,12 @@ impl LowLevel for RobotMap {
     fn counts(&self) -> MatchCounts {
         self.match_counts()
     }
+
+    /// Those of the last step told, which weigh the same.
+    fn particles(&self) -> Vec<(Pose2, f32)> {
+        let last = self.segments.last().map_or(&[][..], |segment| &segment.particles);
+        last.iter().map(|node| (node.map_from_robot, 1.0)).collect()
+    }
 }
 
 impl Default for RobotMap {

@@ -5,15 +5,19 @@ use std::path::Path;
 
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::RangeScan;
+use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::Instant;
 use serde::Serialize;
 
 use crate::localize::{KnownMap, LocalizeCounts, Localizer, LocalizerConfig, LocalizerMemory, Located, ON_WALLS_MIN};
 use crate::maps::occupancy::{MapConfig, OccupancyMap};
 use crate::maps::picture::{PictureNotes, write_picture};
+use crate::monitor::{Counts, Feed, Now, State};
 use crate::output::{save_file, save_json};
 use crate::program::Program;
 use crate::results::report::{Ending, Source};
+use crate::runs::live::{hits, pose_on, show_high, stiff};
+use crate::runs::map::Beside;
 use crate::trajectory::{TimedPose, write_trajectory};
 
 const HEADER: &str =
@@ -104,6 +108,62 @@ impl<'m> LocalizeRun<'m> {
         }
         self.scans += 1;
         Ok(located)
+    }
+
+    /// Hands what is new to those who look; call it when [`Feed::is_wanted`]. The run does not change.
+    ///
+    /// * `seen` — the last scan, where the laser sat on the robot, and where that is; `None` if nothing came
+    pub fn show(&self, feed: &mut Feed, seen: Option<(&RangeScan<'_>, Pose2, Option<&Located>)>, beside: Beside) {
+        let (mut batch, mut cursor) = feed.begin();
+        show_high(self.map.high(), true, &mut batch, &mut cursor);
+        let own = batch.stretches.len();
+        batch.stretches.push(stiff(Pose2::IDENTITY, batch.map_piece));
+        // The map is given before the path in it, which comes after all stretches of the map.
+        if !batch.has_more {
+            if cursor.stretch < own {
+                (cursor.stretch, cursor.poses) = (own, 0);
+            }
+            while let Some(pose) = self.path.get(cursor.poses) {
+                let pose = pose_on(pose.stamp, pose.map_from_robot, false, None);
+                if !batch.push(&mut cursor, (own, &pose, false), |_| None) {
+                    break;
+                }
+            }
+        }
+        if self.scans > 0 {
+            batch.now = Some(self.now(seen, beside));
+        }
+        feed.give(batch, cursor);
+    }
+
+    fn now(&self, seen: Option<(&RangeScan<'_>, Pose2, Option<&Located>)>, beside: Beside) -> Now {
+        let counts = self.localizer.counts();
+        let located = match seen {
+            Some((.., located)) => located.copied(),
+            None => None,
+        };
+        let map_from_robot = match seen {
+            Some(_) => located.map(|located| located.map_from_robot),
+            None => self.path.last().map(|pose| pose.map_from_robot),
+        };
+        Now {
+            stamp: seen.map_or(self.first.unwrap_or_default(), |(scan, ..)| scan.stamp),
+            map_from_robot,
+            low_from_robot: map_from_robot.unwrap_or_default(),
+            covariance: located.map(|located| located.covariance.cast()).unwrap_or_default(),
+            state: if map_from_robot.is_some() { State::Tracking } else { State::Searching },
+            certainty: located.map(|located| located.certainty),
+            hits: seen.map_or_else(Vec::new, |(scan, at, _)| hits(&Sweep::at_rest(*scan, at))),
+            counts: Counts {
+                scans: self.scans,
+                lost_scans: counts.searching_scans,
+                found: counts.found,
+                ..Counts::default()
+            },
+            health: beside.health,
+            late: beside.late,
+            ..Now::default()
+        }
     }
 
     /// Scans taken so far.

@@ -4,6 +4,7 @@
 //! [`LowLevel`] on this computer, or a robot's.
 
 mod saving;
+mod showing;
 
 use std::path::Path;
 use std::time::{Duration as WallDuration, Instant as WallInstant};
@@ -19,6 +20,7 @@ use lrfslam_core::time::Instant;
 use lrfslam_robot::wire::message::{FromRobot, ScanPose};
 
 pub use self::saving::About;
+pub use self::showing::Beside;
 use crate::mapping::high::{HighCounts, HighParticles, HighSlam};
 use crate::mapping::mapper::Mapper;
 use crate::mapping::{LowLevel, LowPose, MapperMemory, MappingConfig, ParticlePools};

@@ -5,10 +5,11 @@ use lrfslam_robot::wire::message::{FromRobot, Status};
 use lrfslam_robot::wire::session::Progress;
 use serde::Serialize;
 
-use super::map::{About, Run};
+use super::map::{About, Beside, Run};
 use crate::mapping::MappingConfig;
 use crate::mapping::high::HighCounts;
 use crate::maps::io::{PGM_SIDE_MAX, write_map};
+use crate::monitor::Feed;
 use crate::output::ResultFolder;
 use crate::results::report::{Ending, RobotCounts, RunReport, Source};
 use crate::robot::{Absurd, JOURNAL, Journal, Judge, RobotMap, Skipped, Told};
@@ -152,6 +153,11 @@ impl<C: Serialize + Clone> RobotRun<C> {
     /// What it has told of path and map.
     pub fn map(&self) -> &RobotMap {
         self.run.robot()
+    }
+
+    /// Hands what is new to those who look; call it when [`Feed::is_wanted`].
+    pub fn show(&self, feed: &mut Feed, beside: Beside) {
+        self.run.show(feed, beside);
     }
 
     /// What the high level did so far, if there is one.

@@ -13,12 +13,15 @@ use lrfslam_robot::{LaserConfig, LaserFamily};
 use self::book::Book;
 use super::Failure;
 use super::laser::{EndArgs, interrupt_flag, parse_baud, say};
+use super::live_scans::ended;
+use super::monitor::MonitorArgs;
 use super::out::{OutArgs, SaveArgs};
 use super::shared::{ConfigArgs, LEVELS, LRF, PARTICLES, PORT, SeedArgs, TellArgs};
 use crate::config::RobotRun;
 use crate::config::RunConfig;
 use lrfslam_host::results::report::Ending;
 use lrfslam_host::robot::{ClientMemory, LinkEvent, RobotClient, RobotEvent, RobotLink};
+use lrfslam_host::runs::map::Beside;
 use lrfslam_host::scans::link::Address;
 
 /// Attach to a robot that does the SLAM itself (firmware, or robot-sim), until ctrl-C, which stops its laser and writes the map.
@@ -71,6 +74,8 @@ pub(super) struct AttachArgs {
     levels: Option<u16>,
     #[command(flatten)]
     tell: TellArgs,
+    #[command(flatten)]
+    monitor: MonitorArgs,
 }
 
 /// Lasers that a robot can drive.
@@ -110,7 +115,9 @@ impl AttachArgs {
 pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
     let stop = interrupt_flag().map_err(Failure::Start)?;
     let config = args.config()?;
-    let mut book = Book::open(args, &config)?;
+    let watched = args.monitor.watched(("attach", args.port.to_string(), None), config.map, stop)?;
+    let mut book = Book::open(args, &config, watched)?;
+    book.watched.open(false, args.tell)?;
     let mut memory = ClientMemory::default();
     let robot = config.robot(args.seed.seed, args.laser());
     let resume = book.run.as_ref().and_then(RobotRun::progress);
@@ -135,7 +142,11 @@ pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
     // It goes on until ctrl-C, unless an end was asked for.
     let is_interrupted = stop.load(Ordering::Relaxed);
     let is_early = is_interrupted && args.end.has_end() && !book.is_enough();
-    book.close(if is_early { Ending::Interrupted } else { Ending::Complete }, None);
+    let ending = if is_early { Ending::Interrupted } else { Ending::Complete };
+    if let Some(run) = book.close(ending, None) {
+        let words = ended(ending, run.folder().named());
+        book.watched.finish(&words, |feed| run.show(feed, Beside::default()));
+    }
     match book.fault {
         Some(fault) => Err(Failure::Work(fault)),
         None if !book.has_results => {

@@ -53,7 +53,7 @@ pub(super) fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let stop = interrupt_flag().map_err(Failure::Start)?;
     let config = args.config.load()?;
     let (scans, end) = match (&args.log, &args.laser) {
-        (Some(log), _) => (open_scans(log, &config, stop, args.tell)?, args.end),
+        (Some(log), _) => (open_scans(log, &config, stop, args.tell.sayer())?, args.end),
         (None, Some(laser)) => {
             let laser = laser.live().map_err(Failure::Start)?;
             (Scans::live(laser, stop, args.tell.sayer()), args.end.or_seconds(LIVE_S))

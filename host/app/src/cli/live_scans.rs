@@ -9,6 +9,7 @@ use anyhow::{Context as _, anyhow, ensure};
 use clap::Args;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::RangeScan;
+use lrfslam_core::slam::StepReport;
 use lrfslam_core::sweep::SpeedLimits;
 use lrfslam_core::time::{Duration, Instant};
 
@@ -16,6 +17,7 @@ use super::Failure;
 use super::continuing::{ContinueArgs, ReadAhead, in_words, verified_start};
 use super::laser::{EndArgs, interrupt_flag, say};
 use super::localize::Start;
+use super::monitor::{MonitorArgs, Watched};
 use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
 use super::progress::Progress;
@@ -25,10 +27,11 @@ use super::summary::{partial_notice, summary};
 use crate::config::About;
 use crate::config::{RunConfig, SpeedConfig};
 use lrfslam_host::mapping::saved_map::SavedMap;
+use lrfslam_host::monitor::Health;
 use lrfslam_host::output::{RECORDING, ResultFolder, shown};
 use lrfslam_host::plural::count;
 use lrfslam_host::results::report::{Ending, Source};
-use lrfslam_host::runs::map::{MapRun, RunMemory};
+use lrfslam_host::runs::map::{Beside, MapRun, RunMemory};
 use lrfslam_host::runs::scans::Scans;
 use lrfslam_host::scans::driver::HostClock;
 use lrfslam_host::scans::log::LogScan;
@@ -56,6 +59,8 @@ pub(super) struct Mapping {
     particles: ParticleArgs,
     #[command(flatten)]
     tell: TellArgs,
+    #[command(flatten)]
+    monitor: MonitorArgs,
 }
 
 impl Mapping {
@@ -90,7 +95,9 @@ impl Mapping {
     }
 
     /// Reads the map to go on with, if there is one, and the configuration.
-    pub(super) fn plan(&self) -> Result<Plan<'_>, Failure> {
+    ///
+    /// * `what` and `source` — the command, and where its scans come from, as they are called on the live page
+    pub(super) fn plan(&self, what: &str, source: String) -> Result<Plan<'_>, Failure> {
         let stop = interrupt_flag().map_err(Failure::Start)?;
         let folder = self.going_on.continued.as_deref();
         let saved = folder.map(SavedMap::read).transpose().map_err(Failure::start)?;
@@ -100,7 +107,9 @@ impl Mapping {
         };
         let config = self.particles.load_over(defaults, &self.config)?;
         ensure_room(&config).map_err(Failure::Start)?;
-        Ok(Plan { args: self, config, saved, odometry: false, stop })
+        let frame = folder.map(|folder| folder.display().to_string());
+        let watched = self.monitor.watched((what, source, frame), config.map, stop)?;
+        Ok(Plan { args: self, config, saved, odometry: false, watched, stop })
     }
 }
 
@@ -130,6 +139,7 @@ pub(super) struct Plan<'a> {
     saved: Option<SavedMap>,
     /// A log's odometry predicts motion.
     odometry: bool,
+    pub(super) watched: Watched,
     pub(super) stop: &'static AtomicBool,
 }
 
@@ -142,13 +152,14 @@ impl Plan<'_> {
     ///
     /// * `folder` — is asked for once it is known that there is something to map
     pub(super) fn map(
-        &self,
+        mut self,
         scans: Scans,
         folder: impl FnOnce() -> Result<ResultFolder, Failure>,
     ) -> Result<(), Failure> {
         let config = self.config.mapping();
         let mut memory = RunMemory::new(&config, self.args.particles.threads());
         let mut map = MapRun::new(&config, self.args.seed.seed, &mut memory).map_err(Failure::Start)?;
+        self.watched.open(scans.is_log(), self.args.tell)?;
         let mut scans = ReadAhead::new(scans, self.args.end);
         scans.wait(self.stop)?;
         let start = self.start(&mut scans)?;
@@ -158,7 +169,8 @@ impl Plan<'_> {
         if let (Some(saved), Some(from)) = (&self.saved, &self.args.going_on.continued) {
             map.go_on(saved, from, start).map_err(Failure::Start)?;
         }
-        LiveMapping::new(self, map, scans, folder).run()
+        let watched = std::mem::replace(&mut self.watched, Watched::nobody(self.stop));
+        LiveMapping::new(&self, map, scans, (folder, watched)).run()
     }
 
     /// Where the robot is in the map to go on with.
@@ -177,6 +189,8 @@ impl Plan<'_> {
     }
 }
 
+/// What is older than this is of a recording.
+const RECORDED_AFTER: WallDuration = WallDuration::from_secs(60);
 /// From one line about a live run to the next.
 const TELL_EVERY: WallDuration = WallDuration::from_secs(2);
 
@@ -186,6 +200,7 @@ struct LiveMapping<'a, 'm> {
     map: MapRun<'m>,
     scans: ReadAhead,
     folder: ResultFolder,
+    watched: Watched,
     is_laser: bool,
     progress: Progress,
     watch: SpeedWatch,
@@ -196,13 +211,18 @@ struct LiveMapping<'a, 'm> {
 }
 
 impl<'a, 'm> LiveMapping<'a, 'm> {
-    fn new(plan: &'a Plan<'a>, map: MapRun<'m>, mut scans: ReadAhead, folder: ResultFolder) -> Self {
+    fn new(
+        plan: &'a Plan<'a>,
+        map: MapRun<'m>,
+        mut scans: ReadAhead,
+        (folder, watched): (ResultFolder, Watched),
+    ) -> Self {
         let robot_from_lrf = plan.config.robot_from_lrf();
         let watch = SpeedWatch { config: plan.config.speed, robot_from_lrf, too_fast: 0, last: None };
         let progress = Progress::new(scans.scans(), plan.args.tell.is_quiet());
         let (clock, told) = (HostClock::default(), (WallInstant::now(), 0));
         let is_laser = !scans.scans().is_log();
-        Self { plan, map, scans, folder, is_laser, progress, watch, clock, told, fault: None }
+        Self { plan, map, scans, folder, watched, is_laser, progress, watch, clock, told, fault: None }
     }
 
     /// Maps scan after scan until there are no more, the user has seen enough, or a fault ends it.
@@ -229,7 +249,21 @@ impl<'a, 'm> LiveMapping<'a, 'm> {
             }
             self.tell_now_and_then(scan.stamp, step.map_from_robot);
         }
+        self.show(scan, robot_from_lrf, &step);
         Ok(())
+    }
+
+    /// To those who look.
+    fn show(&mut self, scan: &LogScan, robot_from_lrf: Pose2, step: &StepReport) {
+        let Self { map, watched, watch, clock, is_laser, .. } = self;
+        watched.show(|feed| {
+            let missed = u64::from(watch.too_fast);
+            let health = is_laser.then_some(Health { missed, ..Health::default() });
+            let late = is_laser.then(|| WallDuration::from_micros(clock.now().since(scan.stamp).micros.max(0) as u64));
+            let beside = Beside { health, late: late.filter(|late| *late < RECORDED_AFTER), ..Beside::default() };
+            map.show(feed, Some((&scan.scan(), robot_from_lrf, step)), beside);
+        });
+        watched.pause(|feed| map.show(feed, None, Beside::default()));
     }
 
     /// On a terminal: where the robot is, how many scans a second, and how late they are mapped.
@@ -242,7 +276,11 @@ impl<'a, 'm> LiveMapping<'a, 'm> {
         let rate = (scans - scans_then) as f64 / at.elapsed().as_secs_f64();
         let late_ms = self.clock.now().since(stamp).micros as f64 / 1e3;
         // A recording is not late.
-        let late = if late_ms < 60_000.0 { format!(", mapped after {late_ms:.0} ms") } else { String::new() };
+        let late = if late_ms < RECORDED_AFTER.as_secs_f64() * 1e3 {
+            format!(", mapped after {late_ms:.0} ms")
+        } else {
+            String::new()
+        };
         let loops =
             self.map.high_counts().map_or(String::new(), |high| format!(", {} closed", count(high.closures, "loop")));
         let Pose2 { x, y, heading } = map_from_robot;
@@ -254,7 +292,7 @@ impl<'a, 'm> LiveMapping<'a, 'm> {
     }
 
     fn save_if_due(&mut self) {
-        if self.folder.is_due(self.plan.args.save.every()) {
+        if self.folder.is_due(self.plan.args.save.every()) || self.watched.is_asked_to_save() {
             // What the driver has counted is told at the end.
             let about = self.about(Ending::Running);
             let saved = self.folder.save(|stage| self.map.write_into(stage, &about));
@@ -280,12 +318,23 @@ impl<'a, 'm> LiveMapping<'a, 'm> {
         let report = report.map_err(|error| Failure::Work(with_cause(error, self.fault.as_ref())))?;
         self.plan.args.tell.print(&report, || summary(&report, self.folder.named()))?;
         let notice = partial_notice(&report, self.folder.named());
+        self.watched.finish(&ended(ending, self.folder.named()), |feed| self.map.show(feed, None, Beside::default()));
         match (ending, self.fault) {
             (_, Some(fault)) => Err(Failure::Work(fault.context(notice))),
             (Ending::Interrupted, None) => Err(Failure::Interrupted(anyhow!(notice))),
             _ => Ok(()),
         }
     }
+}
+
+/// The end in words, for those who watch.
+pub(super) fn ended(ending: Ending, folder: &Path) -> String {
+    let how = match ending {
+        Ending::Failed => "ended by a fault",
+        Ending::Interrupted => "ended early",
+        Ending::Complete | Ending::Running => "done",
+    };
+    format!("{how}: results in {}", folder.display())
 }
 
 /// A failed last write must not hide what went wrong before it.

@@ -10,7 +10,9 @@ use lrfslam_core::geometry::Pose2;
 use super::Failure;
 use super::continuing::{ReadAhead, in_words};
 use super::laser::{EndArgs, LaserArgs, interrupt_flag, say};
+use super::live_scans::ended;
 use super::map::{open_scans, stem};
+use super::monitor::{MonitorArgs, Watched};
 use super::out::{OutArgs, SaveArgs};
 use super::progress::Progress;
 use super::shared::{ConfigArgs, LOG, MAP, START, SeedArgs, TellArgs};
@@ -24,6 +26,7 @@ use lrfslam_host::plural::count;
 use lrfslam_host::program::Program;
 use lrfslam_host::results::report::Ending;
 use lrfslam_host::runs::localize::LocalizeRun;
+use lrfslam_host::runs::map::Beside;
 use lrfslam_host::runs::scans::Scans;
 use lrfslam_host::scans::log::LogScan;
 
@@ -55,6 +58,8 @@ pub(super) struct LocalizeArgs {
     seed: SeedArgs,
     #[command(flatten)]
     tell: TellArgs,
+    #[command(flatten)]
+    monitor: MonitorArgs,
 }
 
 /// Where a robot starts in a saved map.
@@ -106,18 +111,32 @@ pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
     let localizer = config.localizer();
     let mut memory = LocalizerMemory::new(&localizer);
     let run = LocalizeRun::new((&localizer, args.seed.seed), &map, start, &mut memory).map_err(Failure::Start)?;
-    let (scans, folder) = args.open(&config, stop)?;
+    let watched = args.monitor.watched(args.names(), config.map, stop)?;
+    let (scans, folder) = args.open(&config, stop, &watched)?;
+    watched.open(scans.is_log(), args.tell)?;
     let mut scans = ReadAhead::new(scans, args.end);
     scans.wait(stop)?;
-    Localization { args, saved: &saved, config, start, run, scans, folder, fault: None }.run(stop)
+    Localization { args, saved: &saved, config, start, run, scans, folder, watched, fault: None }.run(stop)
 }
 
 impl LocalizeArgs {
+    /// What the live page calls it: command, source, and the map whose frame it is in.
+    fn names(&self) -> (&'static str, String, Option<String>) {
+        let laser = self.laser.as_ref().and_then(|laser| laser.live().ok()).map(|laser| laser.address.to_string());
+        let log = self.log.as_ref().map(|log| log.display().to_string());
+        ("localize", log.or(laser).unwrap_or_default(), Some(self.map.display().to_string()))
+    }
+
     /// The scans, and where the results go.
-    fn open(&self, config: &RunConfig, stop: &'static AtomicBool) -> Result<(Scans, ResultFolder), Failure> {
+    fn open(
+        &self,
+        config: &RunConfig,
+        stop: &'static AtomicBool,
+        watched: &Watched,
+    ) -> Result<(Scans, ResultFolder), Failure> {
         match (&self.log, &self.laser) {
             (Some(log), _) => {
-                let scans = open_scans(log, config, stop, self.tell)?;
+                let scans = open_scans(log, config, stop, watched.sayer(self.tell))?;
                 let mut folder = self.out.folder(&stem(log, "localized"))?;
                 scans.recording().iter().for_each(|file| folder.keep(file));
                 Ok((scans, folder))
@@ -125,7 +144,7 @@ impl LocalizeArgs {
             (None, Some(laser)) => {
                 let laser = laser.live().map_err(Failure::Start)?;
                 let folder = self.out.folder("localized")?;
-                Ok((Scans::live(laser, stop, self.tell.sayer()), folder))
+                Ok((Scans::live(laser, stop, watched.sayer(self.tell)), folder))
             }
             (None, None) => Err(Failure::start(anyhow::anyhow!("neither a log nor a laser"))),
         }
@@ -146,6 +165,7 @@ struct Localization<'a> {
     run: LocalizeRun<'a>,
     scans: ReadAhead,
     folder: ResultFolder,
+    watched: Watched,
     fault: Option<anyhow::Error>,
 }
 
@@ -161,7 +181,7 @@ impl Localization<'_> {
                     break;
                 }
             }
-            if self.folder.is_due(self.args.save.every()) {
+            if self.folder.is_due(self.args.save.every()) || self.watched.is_asked_to_save() {
                 let saved = self.save(Ending::Running);
                 self.folder.news(&saved).iter().for_each(|news| say(news));
             }
@@ -173,7 +193,11 @@ impl Localization<'_> {
 
     fn add_scan(&mut self, scan: &LogScan) -> anyhow::Result<Option<Located>> {
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| self.config.robot_from_lrf());
-        self.run.add_scan(&scan.scan(), robot_from_lrf)
+        let located = self.run.add_scan(&scan.scan(), robot_from_lrf)?;
+        let Self { run, watched, .. } = self;
+        watched.show(|feed| run.show(feed, Some((&scan.scan(), robot_from_lrf, located.as_ref())), Beside::default()));
+        watched.pause(|feed| run.show(feed, None, Beside::default()));
+        Ok(located)
     }
 
     /// Of a laser now: that the robot is found, and that it is lost.
@@ -213,6 +237,8 @@ impl Localization<'_> {
         let ending = self.scans.ending(self.fault.is_some(), stop);
         let report = self.save(ending).map_err(Failure::Work)?;
         self.args.tell.print(&report, || summary(&report, self.folder.named()))?;
+        let words = ended(ending, self.folder.named());
+        self.watched.finish(&words, |feed| self.run.show(feed, None, Beside::default()));
         let partial = format!("partial results are in {}", self.folder.named().display());
         match (ending, self.fault) {
             (_, Some(fault)) => Err(Failure::Work(fault.context(partial))),

@@ -7,9 +7,10 @@ use clap::Args;
 
 use super::Failure;
 use super::live_scans::Mapping;
-use super::shared::{LOG, TellArgs};
+use super::shared::LOG;
 use crate::config::RunConfig;
 use lrfslam_host::runs::scans::{Scans, is_stdin};
+use lrfslam_host::scans::live::Say;
 
 /// Map a recorded laser log.
 ///
@@ -31,9 +32,10 @@ pub(super) struct MapArgs {
 }
 
 pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
-    let plan = args.mapping.plan()?.with_odometry(args.odometry);
-    let scans = open_scans(&args.log, &plan.config, plan.stop, args.mapping.tell())?;
-    plan.map(scans, || args.mapping.folder(&stem(&args.log, "map"), &plan.config))
+    let plan = args.mapping.plan("map", args.log.display().to_string())?.with_odometry(args.odometry);
+    let scans = open_scans(&args.log, &plan.config, plan.stop, plan.watched.sayer(args.mapping.tell()))?;
+    let config = plan.config.clone();
+    plan.map(scans, || args.mapping.folder(&stem(&args.log, "map"), &config))
 }
 
 /// The scans of a log or a recording.
@@ -41,9 +43,9 @@ pub(super) fn open_scans(
     path: &Path,
     config: &RunConfig,
     stop: &'static AtomicBool,
-    tell: TellArgs,
+    say: Say,
 ) -> Result<Scans, Failure> {
-    let scans = Scans::open(path, config.log_options(), stop, tell.sayer());
+    let scans = Scans::open(path, config.log_options(), stop, say);
     scans.map_err(|error| match stop.load(Ordering::Relaxed) {
         true => Failure::Interrupted(anyhow::anyhow!("no scan came: no results were written")),
         false => Failure::Start(error),

@@ -24,11 +24,17 @@ mod experiment_starts;
 #[cfg(feature = "experiments")]
 mod experiment_sweep;
 mod laser;
+#[cfg(feature = "monitor")]
+mod live_page;
+#[cfg(not(feature = "monitor"))]
+#[path = "no_live_page.rs"]
+mod live_page;
 mod live_scans;
 mod localize;
 mod lrf;
 mod man;
 mod map;
+mod monitor;
 mod out;
 mod particles;
 mod progress;
@@ -42,8 +48,14 @@ mod room;
 mod run;
 mod shared;
 mod summary;
+#[cfg(feature = "monitor")]
+mod watch;
+#[cfg(not(feature = "monitor"))]
+#[path = "no_watch.rs"]
+mod watch;
 
 pub use self::laser::interrupt_flag;
+pub use self::monitor::MonitorArgs;
 pub use self::out::{OutArgs, SaveArgs};
 pub use self::shared::{ConfigArgs, JsonArgs, SeedArgs, TellArgs};
 
@@ -74,6 +86,7 @@ enum Command {
     Run(run::RunArgs),
     Replay(replay::ReplayArgs),
     Attach(Box<attach::AttachArgs>),
+    Watch(watch::WatchArgs),
     Lrf(lrf::LrfArgs),
     Doctor(Box<doctor::DoctorArgs>),
     Calibrate(calibrate::CalibrateArgs),
@@ -155,6 +168,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Run(args) => run::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Attach(args) => attach::run(args),
+        Command::Watch(args) => watch::run(args),
         Command::Lrf(args) => lrf::run(args),
         Command::Doctor(args) => doctor::run(args),
         Command::Calibrate(args) => calibrate::run(args),

@@ -21,7 +21,9 @@ pub(super) struct ReplayArgs {
 }
 
 pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
-    let plan = args.mapping.plan()?;
-    let scans = Scans::replay(&args.file, args.fast, plan.stop, args.mapping.tell().sayer()).map_err(Failure::Start)?;
-    plan.map(scans, || args.mapping.folder("run", &plan.config))
+    let plan = args.mapping.plan("replay", args.file.display().to_string())?;
+    let sayer = plan.watched.sayer(args.mapping.tell());
+    let scans = Scans::replay(&args.file, args.fast, plan.stop, sayer).map_err(Failure::Start)?;
+    let config = plan.config.clone();
+    plan.map(scans, || args.mapping.folder("run", &config))
 }

@@ -47,8 +47,10 @@ impl RunArgs {
 
 pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
     let laser = args.laser.live().map_err(Failure::Start)?;
-    let plan = args.mapping.plan()?;
+    let plan = args.mapping.plan("run", laser.address.to_string())?;
     let folder = args.mapping.folder("run", &plan.config)?;
     let laser = LiveLaser { record: args.record(&folder).map_err(Failure::Start)?, ..laser };
-    plan.map(Scans::live(laser, plan.stop, args.mapping.tell().sayer()), || Ok(folder))
+    let sayer = plan.watched.sayer(args.mapping.tell());
+    let scans = Scans::live(laser, plan.stop, sayer);
+    plan.map(scans, || Ok(folder))
 }

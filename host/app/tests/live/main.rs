@@ -1,6 +1,8 @@
 //! The program with a simulated laser, on the clock of the wall: apart from all that keeps the cores busy.
 
 mod attach;
+#[cfg(feature = "monitor")]
+mod browser;
 #[path = "../cli/common.rs"]
 mod common;
 #[cfg(feature = "demo")]
@@ -13,4 +15,6 @@ mod laser;
 #[path = "../cli/map_server.rs"]
 mod map_server;
 mod others;
+#[cfg(feature = "monitor")]
+mod page;
 mod visits;

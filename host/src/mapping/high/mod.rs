@@ -16,6 +16,7 @@ mod pieces;
 mod placing;
 mod saved;
 mod segment;
+mod watched;
 
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::ndt::NdtConfig;
@@ -26,7 +27,9 @@ use serde::Serialize;
 
 pub use particles::{HighParticles, filter_config};
 pub use saved::{SavedPath, SavedPathError};
+pub use segment::SegmentPose;
 pub(crate) use segment::drift_variances;
+pub use watched::Stretch;
 
 use self::pieces::Pieces;
 use self::placing::ReferenceState;

@@ -75,11 +75,12 @@ fn replay_driver(
 
 /// What two drivers counted, one after the other.
 pub(super) fn sum(before: Counters, then: Counters) -> Counters {
-    let Counters { scans, damaged, restarts } = before;
+    let Counters { scans, damaged, restarts, incomplete } = before;
     Counters {
         scans: scans.saturating_add(then.scans),
         damaged: damaged.saturating_add(then.damaged),
         restarts: restarts.saturating_add(then.restarts),
+        incomplete: incomplete.saturating_add(then.incomplete),
     }
 }
 

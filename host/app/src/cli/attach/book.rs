@@ -8,13 +8,16 @@ use lrfslam_robot::wire::message::{FromRobot, Status};
 
 use super::super::Failure;
 use super::super::laser::say;
+use super::super::monitor::Watched;
 use super::super::summary::summary;
 use super::AttachArgs;
 use crate::config::{RobotRun, RunConfig};
+use lrfslam_host::monitor::Health;
 use lrfslam_host::output::ResultFolder;
 use lrfslam_host::plural::count;
 use lrfslam_host::results::report::Ending;
 use lrfslam_host::robot::{JOURNAL, LinkEvent, RobotEvent, Told};
+use lrfslam_host::runs::map::Beside;
 
 /// From one line about the robot to the next.
 const TELL_EVERY: WallDuration = WallDuration::from_secs(2);
@@ -50,6 +53,7 @@ pub(super) struct Book<'a> {
     /// The robot does not work for this host.
     pub(super) is_refused: bool,
     pub(super) fault: Option<anyhow::Error>,
+    pub(super) watched: Watched,
     /// Of one of its lives there are results.
     pub(super) has_results: bool,
 }
@@ -71,7 +75,7 @@ fn last_life(out: &Path) -> Option<(u32, PathBuf)> {
 }
 
 impl<'a> Book<'a> {
-    pub(super) fn open(args: &'a AttachArgs, config: &'a RunConfig) -> Result<Self, Failure> {
+    pub(super) fn open(args: &'a AttachArgs, config: &'a RunConfig, watched: Watched) -> Result<Self, Failure> {
         let (mut folder, mut run, mut life) = (None, None, 0);
         match args.out.named().filter(|_| args.resume) {
             Some(out) => {
@@ -104,12 +108,14 @@ impl<'a> Book<'a> {
             damaged_frames: 0,
             is_refused: false,
             fault: None,
+            watched,
             has_results: false,
         })
     }
 
     fn say(&self, text: &str) {
         self.args.tell.say(text);
+        self.watched.tell(text);
     }
 
     pub(super) fn take(&mut self, event: LinkEvent<'_>) {
@@ -188,6 +194,7 @@ impl<'a> Book<'a> {
                     count(identity.capacities.particles.into(), "particle")
                 ));
             }
+            Some(FromRobot::Scan(_)) => self.show(),
             Some(FromRobot::Said(words)) => {
                 self.words += 1;
                 match self.words {
@@ -204,6 +211,15 @@ impl<'a> Book<'a> {
         }
     }
 
+    /// To those who look.
+    fn show(&mut self) {
+        let Some(run) = &self.run else { return };
+        let missed = u64::from(run.map().missing_scans());
+        let (damaged, restarts) = (u64::from(self.damaged_frames), u64::from(run.status().restarts));
+        let beside = Beside { health: Some(Health { damaged, restarts, missed }), ..Beside::default() };
+        self.watched.show(|feed| run.show(feed, beside));
+    }
+
     /// A robot that was not there before: what is known of the last one is written, and a new folder begun.
     fn begin_life(&mut self) {
         if self.run.is_some() {
@@ -211,6 +227,7 @@ impl<'a> Book<'a> {
             self.close(Ending::Failed, Some(&anyhow!("the robot started anew")));
         }
         self.life += 1;
+        self.watched.begin_anew();
         let opened = self
             .next_folder()
             .and_then(|folder| RobotRun::open(folder, self.config.robot_setup(), self.args.seed.seed));
@@ -231,9 +248,9 @@ impl<'a> Book<'a> {
         ResultFolder::claim(&place, false)
     }
 
-    /// Writes what is known of the robot's life; a fault makes any ending a failure.
-    pub(super) fn close(&mut self, ending: Ending, why: Option<&anyhow::Error>) {
-        let Some(mut run) = self.run.take() else { return };
+    /// Writes what is known of the robot's life, and returns it; a fault makes any ending a failure.
+    pub(super) fn close(&mut self, ending: Ending, why: Option<&anyhow::Error>) -> Option<RobotRun> {
+        let mut run = self.run.take()?;
         if let Err(error) = run.finish_journal() {
             say(&format!("{}: {error}", run.folder().growing(JOURNAL).display()));
         }
@@ -242,7 +259,7 @@ impl<'a> Book<'a> {
             if !self.args.keep_running && !self.args.resume {
                 run.forget();
             }
-            return;
+            return None;
         }
         self.has_results = true;
         let why = why.or(self.fault.as_ref());
@@ -253,10 +270,14 @@ impl<'a> Book<'a> {
             printed.map_err(|_| anyhow!("standard output cannot be written"))
         });
         done.unwrap_or_else(|fault| self.fail(fault));
+        Some(run)
     }
 
     pub(super) fn save_if_due(&mut self) {
-        let is_due = |run: &&mut RobotRun| !run.map().scans().is_empty() && run.folder().is_due(self.args.save.every());
+        let is_asked = self.watched.is_asked_to_save();
+        let is_due = |run: &&mut RobotRun| {
+            !run.map().scans().is_empty() && (is_asked || run.folder().is_due(self.args.save.every()))
+        };
         let Some(run) = self.run.as_mut().filter(is_due) else { return };
         let port = self.args.port.to_string();
         let saved = run.save((&port, self.damaged_frames), Ending::Running, None);

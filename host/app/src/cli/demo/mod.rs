@@ -1,6 +1,8 @@
 //! `lrfslam demo`: its arguments.
 
 #[cfg(feature = "demo")]
+mod live_cloud;
+#[cfg(feature = "demo")]
 mod results;
 #[cfg(feature = "demo")]
 mod robot;
@@ -15,6 +17,7 @@ use clap::{Args, ValueEnum};
 
 #[cfg(feature = "demo")]
 pub(super) use self::show::run;
+use super::monitor::MonitorArgs;
 use super::out::OutArgs;
 use super::shared::{ConfigArgs, LRF, SECONDS, SeedArgs, TellArgs};
 
@@ -46,6 +49,9 @@ pub struct DemoArgs {
     /// What is said.
     #[command(flatten)]
     pub tell: TellArgs,
+    /// Who watches.
+    #[command(flatten)]
+    pub monitor: MonitorArgs,
 }
 
 /// Lasers that are simulated down to their bytes.

@@ -130,18 +130,22 @@ fn cloud(robot: &SimulatedRobot, drive: &DriveRecord, path: &[TimedPose]) -> Clo
     // Path, tilt and scans meet on the drive's clock.
     let poses =
         path.iter().map(|pose| (robot.drive_time(pose.stamp) + middle, planar(PoseF64::from(pose.map_from_robot))));
-    let [ahead, left, up] = robot.scenario.robot.laser_m;
-    let mounting = TiltMounting { robot_from_axis: Isometry3::translation(ahead, left, up), ..TiltMounting::default() };
     // The robot stands while the laser tilts: between the poses before and after there may be a minute.
     let path = Track::new(poses, Duration::from_millis(60_000));
     let tilt = Track::new(robot.tilt_readings(), Duration::from_millis(100));
-    let projection = Projection { mounting, path, tilt, edges: Some(EdgeFilter::default()) };
+    let projection = Projection { mounting: mounting(robot), path, tilt, edges: Some(EdgeFilter::default()) };
     let mut cloud = Cloud::default();
     for kept in &drive.tilted {
         let scan = RangeScan { stamp: robot.drive_time(kept.stamp), ..kept.scan() };
         projection.add(&scan, &mut cloud);
     }
     cloud
+}
+
+/// How the laser tilts on the robot.
+pub fn mounting(robot: &SimulatedRobot) -> TiltMounting {
+    let [ahead, left, up] = robot.scenario.robot.laser_m;
+    TiltMounting { robot_from_axis: Isometry3::translation(ahead, left, up), ..TiltMounting::default() }
 }
 
 /// From each point to the nearest true surface, m.

@@ -5,20 +5,24 @@ use std::path::Path;
 
 use crate::cli::Failure;
 use crate::cli::demo::DemoArgs;
+use crate::cli::live_scans::ended;
+use crate::cli::monitor::Watched;
 use crate::config::About;
 use crate::config::RunConfig;
 use crate::config::RunReport;
 use anyhow::{Result, anyhow};
 use lrfslam_core::scan::RangeScan;
+use lrfslam_core::slam::StepReport;
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_host::output::ResultFolder;
 use lrfslam_host::plural::count;
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::results::report::{Ending, LaserCounts, Source};
-use lrfslam_host::runs::map::MapRun;
+use lrfslam_host::runs::map::{Beside, MapRun};
 use lrfslam_host::scans::live::{Item, SourceReport, taken};
 use lrfslam_host::scans::log::LogScan;
 
+use super::live_cloud::LiveCloud;
 use super::robot::SimulatedRobot;
 
 /// Scans that are mapped before the robot departs.
@@ -47,16 +51,38 @@ pub struct DemoMapping<'a, 'm> {
     /// Where the building's frame is in the map's: the first scan is the map's origin.
     world_from_map: PoseF64,
     next_line: Instant,
+    watched: Watched,
+    live_cloud: Option<LiveCloud>,
+    /// When the robot was seen last, on the drive's clock, and where.
+    seen: Option<(Instant, PoseF64)>,
     fault: Option<anyhow::Error>,
 }
 
 impl<'a, 'm> DemoMapping<'a, 'm> {
     /// Nothing has come yet.
-    pub fn new((config, map): (&RunConfig, MapRun<'m>), robot: &'a SimulatedRobot, args: &'a DemoArgs) -> Self {
+    pub fn new(
+        (config, map): (&RunConfig, MapRun<'m>),
+        (robot, mut watched): (&'a SimulatedRobot, Watched),
+        args: &'a DemoArgs,
+    ) -> Self {
         let (level, tilted) = (Vec::new(), Vec::new());
         let world_from_map = PoseF64::default();
         let next_line = Instant::default();
-        Self { args, robot, config: *config, map, level, tilted, world_from_map, next_line, fault: None }
+        let live_cloud = watched.feed().map(|_| LiveCloud::new(robot));
+        Self {
+            args,
+            robot,
+            config: *config,
+            map,
+            level,
+            tilted,
+            world_from_map,
+            next_line,
+            watched,
+            live_cloud,
+            seen: None,
+            fault: None,
+        }
     }
 
     /// Takes what the laser's thread delivers.
@@ -74,16 +100,43 @@ impl<'a, 'm> DemoMapping<'a, 'm> {
         let end = scan.beams.iter().map(|beam| scan.stamp + beam.offset).max().unwrap_or(scan.stamp);
         if !self.robot.is_level(scan.stamp, end) {
             self.tilted.push(kept);
+            self.show_tilted(scan);
             return self.tell_progress(scan.stamp, None);
         }
         match self.map.add_scan(scan, self.robot.robot_from_lrf(), None) {
             Ok(step) => {
                 self.level.push(kept);
                 self.start(scan.stamp);
+                self.show(scan, &step);
                 self.tell_progress(scan.stamp, Some(PoseF64::from(step.map_from_robot)));
             }
             Err(error) => self.fault = Some(error),
         }
+    }
+
+    /// To those who look.
+    fn show(&mut self, scan: &RangeScan<'_>, step: &StepReport) {
+        self.seen = Some((self.robot.drive_time(scan.stamp), PoseF64::from(step.map_from_robot)));
+        let Self { map, watched, robot, tilted, .. } = self;
+        let beside = Beside { scans: tilted.len() as u64, ..Beside::default() };
+        watched.show(|feed| map.show(feed, Some((scan, robot.robot_from_lrf(), step)), beside));
+    }
+
+    /// The same of a scan of the tilted laser, which is no scan of the map.
+    fn show_tilted(&mut self, scan: &RangeScan<'_>) {
+        let Self { map, watched, robot, tilted, .. } = self;
+        if let (Some(feed), Some(cloud), Some(stands)) = (watched.feed(), &mut self.live_cloud, self.seen) {
+            let scan = RangeScan { stamp: robot.drive_time(scan.stamp), ..*scan };
+            feed.add_cloud(cloud.add(&scan, stands));
+        }
+        let beside = Beside { scans: tilted.len() as u64, ..Beside::default() };
+        watched.show(|feed| map.show(feed, None, beside));
+    }
+
+    /// Lets those who look see the end.
+    pub fn show_end(&mut self, ending: Ending, folder: &Path) {
+        let beside = Beside { scans: self.tilted.len() as u64, ..Beside::default() };
+        self.watched.finish(&ended(ending, folder), |feed| self.map.show(feed, None, beside));
     }
 
     /// The robot departs once the laser has proved that it is there.
@@ -141,9 +194,9 @@ impl<'a, 'm> DemoMapping<'a, 'm> {
     }
 
     /// Writes the mapper's results into `folder`.
-    pub fn finish(mut self, report: &SourceReport, folder: &Path) -> Result<DriveRecord> {
+    pub fn finish(&mut self, report: &SourceReport, folder: &Path) -> Result<DriveRecord> {
         let report = self.map.write_into(folder, &about(&self.config, report, Ending::Complete, None))?;
-        Ok(DriveRecord { level: self.level, tilted: self.tilted, report })
+        Ok(DriveRecord { level: self.level.clone(), tilted: self.tilted.clone(), report })
     }
 
     /// Writes the map of a drive that has not come to its end, where there is nothing to judge; says why it ended.

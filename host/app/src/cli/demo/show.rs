@@ -13,6 +13,7 @@ use crate::config::RunReport;
 use anyhow::anyhow;
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_host::output::ResultFolder;
+use lrfslam_host::results::report::Ending;
 use lrfslam_host::runs::map::{MapRun, RunMemory};
 use lrfslam_host::scans::live::{ScanSource, for_each_scan};
 
@@ -45,7 +46,10 @@ fn show(
     let stop = interrupt_flag().map_err(Failure::Start)?;
     let robot = SimulatedRobot::start(scenario, args).map_err(Failure::Work)?;
     let source = ScanSource::Live(robot.laser(args));
-    let mut session = DemoMapping::new((config, map), &robot, args);
+    let source_name = format!("a simulated {:?} in {}", args.lrf, args.world);
+    let watched = args.monitor.watched(("demo", source_name, None), config.map, stop)?;
+    watched.open(false, args.tell)?;
+    let mut session = DemoMapping::new((config, map), (&robot, watched), args);
     let done = for_each_scan(&source, stop, &mut |item| session.take(item));
     robot.switch_off().map_err(Failure::Work)?;
     let done = done.map_err(Failure::Work)?;
@@ -58,5 +62,6 @@ fn show(
         Ok((drive.report, table))
     });
     let (report, table) = written.map_err(Failure::Work)?;
+    session.show_end(Ending::Complete, folder.named());
     Ok((report, format!("{table}\nresults in {}\n", folder.named().display())))
 }

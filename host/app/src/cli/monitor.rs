@@ -1,0 +1,125 @@
+//! `--monitor`: a run is watched while it works.
+
+use std::net::SocketAddr;
+use std::sync::atomic::AtomicBool;
+
+use clap::Args;
+use lrfslam_host::maps::occupancy::MapConfig;
+use lrfslam_host::monitor::{About, Feed, Monitor};
+use lrfslam_host::scans::live::Say;
+
+use super::Failure;
+use super::live_page::{parse_address, serve};
+use super::shared::TellArgs;
+
+/// A live page.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct MonitorArgs {
+    /// Serve a live page of the run; open the link that is printed. ADDR is an address or port of this computer.
+    ///
+    /// Without ADDR, this computer alone sees it, at port 7340 or another that is free. At an address that others reach, such as
+    /// 0.0.0.0, the link holds a token, and who does not have it sees nothing. Whoever has it may pause, save and stop. The
+    /// environment's LRFSLAM_TOKEN is taken as the token, if there is one.
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = "", value_parser = parse_address)]
+    monitor: Option<SocketAddr>,
+    /// After the end, keep the page until ctrl-C.
+    #[arg(long, requires = "monitor")]
+    monitor_stay: bool,
+}
+
+impl MonitorArgs {
+    /// What the run is to be watched by, if it is to be.
+    ///
+    /// * `what` and `source` — the command, and where its scans come from; `frame` — see [`About::frame`]
+    pub(super) fn watched(
+        self,
+        (what, source, frame): (&str, String, Option<String>),
+        map: MapConfig,
+        stop: &'static AtomicBool,
+    ) -> Result<Watched, Failure> {
+        let Some(address) = self.monitor else { return Ok(Watched::nobody(stop)) };
+        let about = About { what: what.to_owned(), source: source.clone(), frame, map };
+        let (monitor, feed) = Monitor::start(about, stop).map_err(Failure::work)?;
+        let name = source.rsplit('/').next().unwrap_or_default().to_owned();
+        Ok(Watched { page: Some(Page { address, name, monitor, feed, stays: self.monitor_stay }), stop })
+    }
+}
+
+/// A run that may be watched; without `--monitor` all of this does nothing.
+pub(super) struct Watched {
+    page: Option<Page>,
+    stop: &'static AtomicBool,
+}
+
+struct Page {
+    address: SocketAddr,
+    name: String,
+    monitor: Monitor,
+    feed: Feed,
+    stays: bool,
+}
+
+impl Watched {
+    /// One that nobody watches.
+    pub(super) fn nobody(stop: &'static AtomicBool) -> Self {
+        Self { page: None, stop }
+    }
+
+    /// Serves the page, and says where.
+    ///
+    /// * `can_pause` — the scans wait when the run does
+    pub(super) fn open(&self, can_pause: bool, tell: TellArgs) -> Result<(), Failure> {
+        let Some(page) = &self.page else { return Ok(()) };
+        page.monitor.set_can_pause(can_pause);
+        serve(page.address, (&page.name, page.monitor.clone()), tell)
+    }
+
+    /// Words on the way, for those who watch too.
+    pub(super) fn sayer(&self, tell: TellArgs) -> Say {
+        let monitor = self.page.as_ref().map(|page| page.monitor.clone());
+        Box::new(move |text| {
+            tell.say(text);
+            monitor.iter().for_each(|monitor| monitor.tell(text));
+        })
+    }
+
+    /// Calls `show` if somebody looks.
+    pub(super) fn show(&mut self, show: impl FnOnce(&mut Feed)) {
+        if let Some(page) = self.page.as_mut().filter(|page| page.feed.is_wanted()) {
+            show(&mut page.feed);
+        }
+    }
+
+    /// Waits while somebody wants a pause; `show` is called when the state is wanted.
+    pub(super) fn pause(&mut self, show: impl FnMut(&mut Feed)) {
+        if let Some(page) = &mut self.page {
+            page.feed.pause(self.stop, show);
+        }
+    }
+
+    /// Of the run that begins now, nothing was shown yet.
+    pub(super) fn begin_anew(&mut self) {
+        self.page.iter_mut().for_each(|page| page.feed.begin_anew());
+    }
+
+    /// Words on the way, to those who watch.
+    pub(super) fn tell(&self, text: &str) {
+        self.page.iter().for_each(|page| page.monitor.tell(text));
+    }
+
+    /// The run's end of it, if it is watched.
+    pub(super) fn feed(&mut self) -> Option<&mut Feed> {
+        self.page.as_mut().map(|page| &mut page.feed)
+    }
+
+    /// Somebody wants the results now.
+    pub(super) fn is_asked_to_save(&self) -> bool {
+        self.page.as_ref().is_some_and(|page| page.feed.is_asked_to_save())
+    }
+
+    /// Lets those who look see the end, and stays for others if that is wanted.
+    pub(super) fn finish(&mut self, words: &str, show: impl FnMut(&mut Feed)) {
+        let Some(page) = &mut self.page else { return };
+        page.feed.finish(words, page.stays.then_some(self.stop), show);
+    }
+}

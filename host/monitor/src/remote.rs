@@ -1,0 +1,83 @@
+//! A robot that another program maps for: what is asked of it is passed on, with its own token.
+
+use std::io;
+use std::time::Duration;
+
+use axum::body::{Body, Bytes, to_bytes};
+use axum::http::{Method, Request, StatusCode, header};
+use hyper_util::rt::TokioIo;
+use tokio::net::TcpStream;
+
+/// A state has at most so many bytes.
+const STATE_BYTES_MAX: usize = 64 << 20;
+/// A robot answers within this, or is away.
+const WITHIN: Duration = Duration::from_secs(10);
+
+/// The page of a run elsewhere.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Remote {
+    /// Name or address, and port.
+    host: String,
+    token: String,
+}
+
+impl Remote {
+    /// By the link that the other program prints: `http://HOST:PORT/#TOKEN`.
+    ///
+    /// # Errors
+    /// What was expected.
+    pub fn parse(link: &str) -> Result<Self, String> {
+        let (place, token) = link.split_once('#').unwrap_or((link, ""));
+        let host = place.strip_prefix("http://").unwrap_or(place).trim_end_matches('/');
+        let has_port =
+            host.rsplit_once(':').is_some_and(|(name, port)| !name.is_empty() && port.parse::<u16>().is_ok());
+        let is_clean = |text: &str| text.chars().all(|c| c.is_ascii_graphic() && !"/?#@\"".contains(c));
+        if !has_port || !is_clean(host) || !is_clean(token) {
+            return Err("expected a link as --monitor prints it, such as http://192.168.0.7:7340/#TOKEN".to_owned());
+        }
+        Ok(Self { host: host.to_owned(), token: token.to_owned() })
+    }
+
+    /// Name or address, and port.
+    pub fn host(&self) -> &str {
+        &self.host
+    }
+
+    /// Passes on what is asked; `None` if nobody answers.
+    pub(crate) async fn ask(&self, method: Method, path: &str) -> Option<(StatusCode, Bytes)> {
+        tokio::time::timeout(WITHIN, self.fetch(method, path)).await.ok()?.ok()
+    }
+
+    async fn fetch(&self, method: Method, path: &str) -> io::Result<(StatusCode, Bytes)> {
+        let stream = TcpStream::connect(&self.host).await?;
+        let handshake = hyper::client::conn::http1::handshake(TokioIo::new(stream)).await;
+        let (mut sender, connection) = handshake.map_err(io::Error::other)?;
+        tokio::spawn(connection);
+        let request = Request::builder()
+            .method(method)
+            .uri(path)
+            .header(header::HOST, &self.host)
+            .header(header::AUTHORIZATION, format!("Bearer {}", self.token))
+            .body(Body::empty())
+            .map_err(io::Error::other)?;
+        let answer = sender.send_request(request).await.map_err(io::Error::other)?;
+        let status = answer.status();
+        let body = to_bytes(Body::new(answer.into_body()), STATE_BYTES_MAX).await.map_err(io::Error::other)?;
+        Ok((status, body))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_are_taken_apart() {
+        let link = Remote::parse("http://192.168.0.7:7340/#abc").unwrap();
+        assert_eq!((link.host(), link.token.as_str()), ("192.168.0.7:7340", "abc"));
+        assert_eq!(Remote::parse("[::1]:7340").unwrap().host(), "[::1]:7340");
+        for wrong in ["", "http://robot/", "robot:port", "http://a b:1/", "robot:1/#a\r\nb", "ftp://robot:1"] {
+            assert!(Remote::parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! What may be asked for: the page, changes of a robot's state, and commands.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::{DefaultBodyLimit, Path, RawQuery, State};
+use axum::http::{HeaderMap, HeaderName, Method, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use lrfslam_host::monitor::{Ask, Monitor};
+
+use crate::access::Access;
+use crate::doors::Tell;
+use crate::server::{Robot, Source};
+
+/// Bytes of a request's body: no request has one.
+const BODY_BYTES_MAX: usize = 1024;
+/// Who has all there is waits so long for more, and asks again.
+const WAIT: Duration = Duration::from_millis(1000);
+/// How often it is looked whether there is more.
+const POLL: Duration = Duration::from_millis(20);
+
+/// What the page may do: nothing but draw, and talk to where it came from.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data: blob:; \
+     base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// Files of the page: name, type, content.
+const FILES: [(&str, &str, &str); 9] = [
+    ("", "text/html; charset=utf-8", include_str!("../page/index.html")),
+    ("style.css", "text/css; charset=utf-8", include_str!("../page/style.css")),
+    ("main.js", SCRIPT, include_str!("../page/main.js")),
+    ("state.js", SCRIPT, include_str!("../page/state.js")),
+    ("map.js", SCRIPT, include_str!("../page/map.js")),
+    ("view.js", SCRIPT, include_str!("../page/view.js")),
+    ("cloud.js", SCRIPT, include_str!("../page/cloud.js")),
+    ("graphs.js", SCRIPT, include_str!("../page/graphs.js")),
+    ("colours.js", SCRIPT, include_str!("../page/colours.js")),
+];
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
+/// What all requests share.
+pub struct Shared {
+    pub access: Access,
+    pub robots: Vec<Robot>,
+    pub tell: Tell,
+    pub has_told: AtomicBool,
+}
+
+/// All routes.
+pub fn router(shared: Arc<Shared>) -> Router {
+    Router::new()
+        .route("/", get(|| file("")))
+        .route("/{file}", get(|Path(name): Path<String>| async move { file(&name).await }))
+        .route("/robots", get(robots))
+        .route("/robots/{robot}/changes", get(changes))
+        .route("/robots/{robot}/{ask}", post(ask))
+        .layer(DefaultBodyLimit::max(BODY_BYTES_MAX))
+        .with_state(shared)
+}
+
+async fn file(name: &str) -> Response {
+    let Some((_, kind, content)) = FILES.iter().find(|(known, ..)| *known == name) else {
+        return StatusCode::NOT_FOUND.into_response();
+    };
+    let headers = [
+        (header::CONTENT_TYPE, *kind),
+        (header::CONTENT_SECURITY_POLICY, POLICY),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::CACHE_CONTROL, "no-cache"),
+    ];
+    (headers, *content).into_response()
+}
+
+impl Shared {
+    fn refuse(&self) -> Response {
+        if !self.has_told.swap(true, Ordering::Relaxed) {
+            (self.tell)("somebody without the token, or from another page, was refused the live page");
+        }
+        StatusCode::UNAUTHORIZED.into_response()
+    }
+}
+
+/// Names of the robots, and whether who asks may command.
+async fn robots(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Response {
+    if !shared.access.may_see(&headers) {
+        return shared.refuse();
+    }
+    let names: Vec<&str> = shared.robots.iter().map(|robot| robot.name.as_str()).collect();
+    let may_command = shared.access.may_command(&headers);
+    let answer = serde_json::json!({ "robots": names, "may_command": may_command });
+    ([(header::CONTENT_TYPE, "application/json")], answer.to_string()).into_response()
+}
+
+/// What changed since `?INSTANCE-REVISION`, once something has, or after a while.
+async fn changes(
+    State(shared): State<Arc<Shared>>,
+    Path(robot): Path<usize>,
+    RawQuery(query): RawQuery,
+    headers: HeaderMap,
+) -> Response {
+    if !shared.access.may_see(&headers) {
+        return shared.refuse();
+    }
+    let query = query.as_deref().unwrap_or("0-0");
+    let known = query.split_once('-');
+    let known = known.and_then(|(instance, revision)| Some((instance.parse().ok()?, revision.parse().ok()?)));
+    let (Some(robot), Some((instance, revision))) = (shared.robots.get(robot), known) else {
+        return StatusCode::BAD_REQUEST.into_response();
+    };
+    let headers: [(HeaderName, &str); 2] =
+        [(header::CONTENT_TYPE, "application/octet-stream"), (header::CACHE_CONTROL, "no-store")];
+    match &robot.source {
+        Source::Here(monitor) => (headers, state(monitor, instance, revision).await).into_response(),
+        Source::There(remote) => {
+            let path = format!("/robots/0/changes?{instance}-{revision}");
+            match remote.ask(Method::GET, &path).await {
+                Some((StatusCode::OK, state)) => (headers, state).into_response(),
+                _ => StatusCode::BAD_GATEWAY.into_response(),
+            }
+        }
+    }
+}
+
+/// The changes, once there are some.
+async fn state(monitor: &Monitor, instance: u64, revision: u64) -> Vec<u8> {
+    monitor.look();
+    let mut waited = Duration::ZERO;
+    while waited < WAIT && instance == monitor.instance() && revision == monitor.revision() {
+        tokio::time::sleep(POLL).await;
+        waited += POLL;
+    }
+    monitor.look();
+    monitor.changes(instance, revision)
+}
+
+/// A command, to who has the token.
+async fn ask(
+    State(shared): State<Arc<Shared>>,
+    Path((robot, ask)): Path<(usize, String)>,
+    headers: HeaderMap,
+) -> Response {
+    if !shared.access.may_command(&headers) {
+        return shared.refuse();
+    }
+    let wanted = match ask.as_str() {
+        "save" => Ask::Save,
+        "pause" => Ask::Pause(true),
+        "resume" => Ask::Pause(false),
+        "stop" => Ask::Stop,
+        _ => return StatusCode::NOT_FOUND.into_response(),
+    };
+    let Some(robot) = shared.robots.get(robot) else { return StatusCode::NOT_FOUND.into_response() };
+    match &robot.source {
+        Source::Here(monitor) => monitor.ask(wanted),
+        Source::There(remote) => {
+            let answer = remote.ask(Method::POST, &format!("/robots/0/{ask}")).await;
+            return answer.map_or(StatusCode::BAD_GATEWAY, |(status, _)| status).into_response();
+        }
+    }
+    StatusCode::NO_CONTENT.into_response()
+}
