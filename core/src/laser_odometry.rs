@@ -261,25 +261,14 @@ impl<'m> LaserOdometry<'m> {
         let is_lost = !first && matched.score_per_point < self.lost_below();
         self.doubts &= is_lost;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
-        let map_from_robot = match self.course.trusted(displacement) {
-            _ if first => self.map_from_robot,
-            Some(_) if is_lost => predicted,
-            _ => matched.map_from_robot,
-        };
+        let map_from_robot = if first { self.map_from_robot } else { self.believed(&matched, is_lost, displacement) };
         let is_trusted = !is_lost || self.lost_scans > PATIENCE_SCANS;
         let is_settling = self.scans < SETTLING_SCANS;
         self.scans = self.scans.saturating_add(1);
         let is_key = is_settling || (is_trusted && self.is_key(map_from_robot));
-        let robot_from_lrf = robot_from_lrf.position();
-        let inserted =
-            if is_key { self.extend(map_from_robot, robot_from_lrf, (count, hits)) } else { InsertReport::default() };
-        let step = self.map_from_robot.between(map_from_robot);
-        if is_lost {
-            self.course.rest();
-        } else {
-            self.course.advance(&forecast, step, &matched);
-        }
-        self.map_from_robot = map_from_robot;
+        let eye = robot_from_lrf.position();
+        let inserted = if is_key { self.extend(map_from_robot, eye, (count, hits)) } else { InsertReport::default() };
+        self.go_on(map_from_robot, &forecast, &matched, is_lost);
         self.pass(scan.stamp);
         if !first && is_trusted {
             self.score_per_point += SCORE_SHARE * (matched.score_per_point - self.score_per_point);
@@ -296,6 +285,23 @@ impl<'m> LaserOdometry<'m> {
             inserted,
             motion,
         })
+    }
+
+    /// Where the robot is: where the scan fits, or where odometry that has agreed so far says if it fits nowhere.
+    fn believed(&self, matched: &Match, is_lost: bool, odometry: Option<Pose2>) -> Pose2 {
+        let told = self.course.trusted(odometry).filter(|_| is_lost);
+        told.map_or(matched.map_from_robot, |step| self.map_from_robot * step)
+    }
+
+    /// The robot is at `map_from_robot` now; what that says of its motion is learned.
+    fn go_on(&mut self, map_from_robot: Pose2, forecast: &Forecast, matched: &Match, is_lost: bool) {
+        let step = self.map_from_robot.between(map_from_robot);
+        if is_lost {
+            self.course.rest();
+        } else {
+            self.course.advance(forecast, step, matched);
+        }
+        self.map_from_robot = map_from_robot;
     }
 
     /// Time goes on to that of the scan.

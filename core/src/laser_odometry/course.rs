@@ -188,8 +188,9 @@ mod tests {
 
     #[test]
     fn frozen_flipped_late_and_wild_odometry_is_left_out() {
-        let wild =
-            |k: usize, step: Pose2| Pose2::new(step.x + if k % 5 == 0 { 0.5 } else { 0.0 }, step.y, step.heading);
+        let wild = |k: usize, step: Pose2| {
+            Pose2::new(step.x + if k.is_multiple_of(5) { 0.5 } else { 0.0 }, step.y, step.heading)
+        };
         let says: [&dyn Fn(usize, Pose2) -> Pose2; 3] =
             [&|_, _| Pose2::IDENTITY, &|_, step| Pose2::new(-step.x, step.y, -step.heading), &wild];
         for (index, says) in says.iter().enumerate() {

@@ -192,7 +192,7 @@ impl VirtualRplidar {
     fn old_sample(&mut self, sample: i64) -> [u8; 5] {
         let degrees = self.clockwise_deg(sample);
         let starts = u8::from(sample == 0 || degrees < self.clockwise_deg(sample - 1));
-        let [angle_low, angle_high] = ((degrees * 64.0) as u16 % (360 * 64) << 1 | 1).to_le_bytes();
+        let [angle_low, angle_high] = ((((degrees * 64.0) as u16 % (360 * 64)) << 1) | 1).to_le_bytes();
         let distance_mm = self.measure_mm(sample, 0.0);
         let [low, high] = (distance_mm.min(16_383) << 2).to_le_bytes();
         let quality = if distance_mm == 0 { 0 } else { 15 };

@@ -122,8 +122,11 @@ fn path(out: &mut Writer, scene: &Scene, since: u64) {
     });
 }
 
+/// A message taken apart; see [`decode`].
+pub type Decoded<'a> = (u64, u64, bool, Vec<(u32, &'a [u8])>);
+
 /// A message taken apart: instance, revision, whether it is all there is, and its sections by kind; `None` if it is none.
-pub fn decode(message: &[u8]) -> Option<(u64, u64, bool, Vec<(u32, &[u8])>)> {
+pub fn decode(message: &[u8]) -> Option<Decoded<'_>> {
     let u32_at = |at: usize| Some(u32::from_le_bytes(message.get(at..at + 4)?.try_into().ok()?));
     let u64_at = |at: usize| Some(u64::from_le_bytes(message.get(at..at + 8)?.try_into().ok()?));
     if message.get(..4)? != MAGIC || u32_at(4)? != VERSION {

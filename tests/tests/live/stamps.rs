@@ -148,7 +148,11 @@ fn table(trouble: Trouble, seconds: f64) -> Vec<(&'static str, Row)> {
     std::thread::scope(|scope| {
         let processors = std::thread::available_parallelism().map_or(2, usize::from);
         for _ in 0..2 * processors {
-            scope.spawn(|| while busy.load(Ordering::Relaxed) {});
+            scope.spawn(|| {
+                while busy.load(Ordering::Relaxed) {
+                    std::hint::spin_loop()
+                }
+            });
         }
         let runs: Vec<_> = lasers()
             .into_iter()

@@ -34,7 +34,7 @@ pub(super) struct MapArgs {
 pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
     let plan = args.mapping.plan("map", args.log.display().to_string())?.with_odometry(args.odometry);
     let scans = open_scans(&args.log, &plan.config, plan.stop, plan.watched.sayer(args.mapping.tell()))?;
-    let config = plan.config.clone();
+    let config = plan.config;
     plan.map(scans, || args.mapping.folder(&stem(&args.log, "map"), &config))
 }
 

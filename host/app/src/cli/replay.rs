@@ -24,6 +24,6 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let plan = args.mapping.plan("replay", args.file.display().to_string())?;
     let sayer = plan.watched.sayer(args.mapping.tell());
     let scans = Scans::replay(&args.file, args.fast, plan.stop, sayer).map_err(Failure::Start)?;
-    let config = plan.config.clone();
+    let config = plan.config;
     plan.map(scans, || args.mapping.folder("run", &config))
 }
