@@ -108,6 +108,7 @@ impl Watched {
     }
 
     /// The run's end of it, if it is watched.
+    #[cfg(feature = "demo")]
     pub(super) fn feed(&mut self) -> Option<&mut Feed> {
         self.page.as_mut().map(|page| &mut page.feed)
     }
