@@ -180,6 +180,11 @@ fn laser_findings(laser: &LaserCounts, findings: &mut Vec<Finding>) {
         let advice = "look at its power supply and at the cable";
         findings.push(Finding::wrong("restarts", found, "scans are missing").so(advice));
     }
+    if laser.incomplete > 0 {
+        let found = count(laser.incomplete.into(), "turn") + " of the laser with beams missing";
+        let advice = "look at the cable, the converter and the rate of the port";
+        findings.push(Finding::unusual("incomplete-turns", found, "what they saw is missing").so(advice));
+    }
     if laser.overrun > 0 {
         let found = count(laser.overrun.into(), "scan") + " came faster than this computer takes them";
         findings.push(Finding::unusual("overrun", found, "they were left out"));

@@ -355,7 +355,7 @@ fn a_mounting_that_contradicts_itself_and_angles_that_nothing_tells() {
 
 #[test]
 fn trouble_of_a_laser_is_told() {
-    let laser = LaserCounts { damaged: 3, restarts: 1, overrun: 2, too_fast: 0 };
+    let laser = LaserCounts { damaged: 3, restarts: 1, incomplete: 4, overrun: 2, too_fast: 0 };
     let source = Source::Laser { port: "test".to_owned(), laser, recording: None };
     let diagnosis = examined(floor(), &source);
     let kinds: Vec<&str> = diagnosis.findings.iter().take(3).map(|finding| finding.kind).collect();

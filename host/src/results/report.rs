@@ -165,6 +165,8 @@ pub struct LaserCounts {
     pub damaged: u32,
     /// Sessions begun anew after trouble.
     pub restarts: u32,
+    /// Turns of a laser that spins in which samples were missing.
+    pub incomplete: u32,
     /// Scans lost because the computer was too slow for the laser.
     pub overrun: u32,
     /// Scans during which the robot moved faster than the laser's rate allows, eq. (4.44) and (4.45).

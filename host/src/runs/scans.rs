@@ -146,8 +146,8 @@ impl Scans {
             }
             Origin::Laser { report, .. } => {
                 let SourceReport { counters, overrun, recording, .. } = report.clone().unwrap_or_default();
-                let (damaged, restarts) = (counters.damaged, counters.restarts);
-                let laser = LaserCounts { damaged, restarts, overrun, too_fast: 0 };
+                let lrfslam_lrf::driver::Counters { damaged, restarts, incomplete, .. } = counters;
+                let laser = LaserCounts { damaged, restarts, incomplete, overrun, too_fast: 0 };
                 Source::Laser { port: name, laser, recording: recording.as_ref().map(RecordingCounts::from) }
             }
         }

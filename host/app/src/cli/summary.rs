@@ -154,11 +154,12 @@ fn log_notes(log: &LogCounts) -> Vec<Note> {
 }
 
 fn laser_notes(laser: &LaserCounts) -> Vec<Note> {
-    let LaserCounts { damaged, restarts, overrun, too_fast } = *laser;
+    let LaserCounts { damaged, restarts, incomplete, overrun, too_fast } = *laser;
     let scans = |number: u32| count(number.into(), "scan");
     vec![
         (damaged > 0, format!("{damaged} of the laser's scans and replies refused as damaged")),
         (restarts > 0, format!("the laser was started anew {}", count(restarts.into(), "time"))),
+        (incomplete > 0, format!("{} of the laser with beams missing", count(incomplete.into(), "turn"))),
         (overrun > 0, format!("{} dropped: the computer is too slow for this laser", scans(overrun))),
         (too_fast > 0, format!("during {} the robot moved faster than the laser's rate allows", scans(too_fast))),
     ]

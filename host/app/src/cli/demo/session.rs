@@ -226,6 +226,7 @@ fn about(config: &RunConfig, report: &SourceReport, ending: Ending, fault: Optio
     let laser = LaserCounts {
         damaged: report.counters.damaged,
         restarts: report.counters.restarts,
+        incomplete: report.counters.incomplete,
         overrun: report.overrun,
         too_fast: 0,
     };
