@@ -156,7 +156,7 @@ fn no_turn_is_lost_where_corrections_jump() {
 /// Sample `index` of a sensor in the old mode, one every degree.
 fn old_sample(index: usize) -> [u8; 5] {
     let [low, high] = (((index * 64 % (360 * 64)) << 1 | 1) as u16).to_le_bytes();
-    let start = u8::from(index % 360 == 0);
+    let start = u8::from(index.is_multiple_of(360));
     [0x3C | start | (1 - start) << 1, low, high, 0xA0, 0x0F]
 }
 
