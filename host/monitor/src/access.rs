@@ -30,7 +30,7 @@ pub fn parse_address(text: &str) -> Result<SocketAddr, String> {
     found.ok_or_else(|| "expected an address of this computer, such as 0.0.0.0:7340, or a port".to_owned())
 }
 
-/// See the [module](self).
+/// Who may see the page, and who may command.
 #[derive(Debug, Clone)]
 pub struct Access {
     token: String,

@@ -239,7 +239,7 @@ impl<'a> Words<'a> {
         word.and_then(|w| w.parse().ok()).ok_or_else(|| fault(name(), expected, word))
     }
 
-    /// The next field as a number up to [`FIELD_MAX`] either way.
+    /// The next field as a number up to `FIELD_MAX` (1e12) either way.
     ///
     /// # Errors
     /// If it is missing, does not parse or is larger.

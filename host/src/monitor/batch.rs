@@ -20,7 +20,7 @@ pub struct GivenPose {
     pub is_old: bool,
 }
 
-/// See the [module](self).
+/// What one scan adds to the live state.
 #[derive(Debug, Clone, Default)]
 pub struct Batch {
     /// What was given before is of another run.

@@ -35,7 +35,7 @@ pub struct Cursor {
     kept: Option<(usize, Pose2)>,
 }
 
-/// See the [module](self).
+/// The run's end of the live state: takes what happens, and never waits.
 #[derive(Debug)]
 pub struct Feed {
     hub: Arc<Hub>,

@@ -51,7 +51,7 @@ impl fmt::Display for Hole {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NoRoom;
 
-/// See the [module](self).
+/// A file that grows while a run goes on, and survives a full disk and a kill.
 #[derive(Debug)]
 pub struct GrowingFile {
     name: PathBuf,

@@ -33,7 +33,7 @@ pub struct Absurd {
     pub why: String,
 }
 
-/// See the [module](self).
+/// Says of each message whether a robot can mean it.
 #[derive(Debug, Clone, Default)]
 pub struct Judge {
     /// Stamp, number and pose of the last scan.
