@@ -14,7 +14,7 @@ use self::book::Book;
 use super::Failure;
 use super::laser::{EndArgs, interrupt_flag, parse_baud, say};
 use super::out::{OutArgs, SaveArgs};
-use super::shared::{ConfigArgs, LEVELS, LRF, PARTICLES, PORT, SeedArgs, TellArgs};
+use super::shared::{ConfigArgs, LEVELS, LRF, PARTICLES, PORT, RESUME, SeedArgs, TellArgs};
 use crate::config::RobotRun;
 use crate::config::RunConfig;
 use lrfslam_host::results::report::Ending;
@@ -45,8 +45,7 @@ pub(super) struct AttachArgs {
     out: OutArgs,
     #[command(flatten)]
     save: SaveArgs,
-    /// Go on with what an earlier attach has stored in the folder --out, its last robot's if there were several.
-    #[arg(long, requires = "out", conflicts_with = "overwrite")]
+    #[arg(long, requires = "out", conflicts_with = "overwrite", help = RESUME)]
     resume: bool,
     /// The robot forgets what it has done so far, and begins anew.
     #[arg(long, conflicts_with = "resume")]

@@ -14,7 +14,7 @@ use crate::config::{RobotRun, RunConfig};
 use lrfslam_host::output::ResultFolder;
 use lrfslam_host::plural::count;
 use lrfslam_host::results::report::Ending;
-use lrfslam_host::robot::{JOURNAL, LinkEvent, RobotEvent, Told};
+use lrfslam_host::robot::{Absurd, JOURNAL, LinkEvent, RobotEvent, Told};
 
 /// From one line about the robot to the next.
 const TELL_EVERY: WallDuration = WallDuration::from_secs(2);
@@ -158,6 +158,8 @@ impl<'a> Book<'a> {
 
     /// The first fault ends the run.
     pub(super) fn fail(&mut self, fault: anyhow::Error) {
+        // Of one that says what no robot can, no end is waited for.
+        self.is_refused |= fault.is::<Absurd>();
         self.fault.get_or_insert(fault);
     }
 
