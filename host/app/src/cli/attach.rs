@@ -16,7 +16,7 @@ use super::laser::{EndArgs, interrupt_flag, parse_baud, say};
 use super::live_scans::ended;
 use super::monitor::MonitorArgs;
 use super::out::{OutArgs, SaveArgs};
-use super::shared::{ConfigArgs, LEVELS, LRF, PARTICLES, PORT, SeedArgs, TellArgs};
+use super::shared::{ConfigArgs, LEVELS, LRF, PARTICLES, PORT, RESUME, SeedArgs, TellArgs};
 use crate::config::RobotRun;
 use crate::config::RunConfig;
 use lrfslam_host::results::report::Ending;
@@ -48,8 +48,7 @@ pub(super) struct AttachArgs {
     out: OutArgs,
     #[command(flatten)]
     save: SaveArgs,
-    /// Go on with what an earlier attach has stored in the folder --out, its last robot's if there were several.
-    #[arg(long, requires = "out", conflicts_with = "overwrite")]
+    #[arg(long, requires = "out", conflicts_with = "overwrite", help = RESUME)]
     resume: bool,
     /// The robot forgets what it has done so far, and begins anew.
     #[arg(long, conflicts_with = "resume")]

@@ -22,7 +22,7 @@ use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
 use super::progress::Progress;
 use super::room::ensure_room;
-use super::shared::{ConfigArgs, SeedArgs, TellArgs};
+use super::shared::{ConfigArgs, RESUME, SeedArgs, TellArgs};
 use super::summary::{partial_notice, summary};
 use crate::config::About;
 use crate::config::{RunConfig, SpeedConfig};
@@ -41,9 +41,7 @@ use lrfslam_host::scans::log::LogScan;
 pub(super) struct Mapping {
     #[command(flatten)]
     out: OutArgs,
-    /// Go on with the run in the folder --out that was killed, with the same settings: what it has recorded, or the log, is mapped again from the
-    /// beginning, and then what comes.
-    #[arg(long, requires = "out", conflicts_with = "overwrite")]
+    #[arg(long, requires = "out", conflicts_with = "overwrite", help = RESUME)]
     resume: bool,
     #[command(flatten)]
     save: SaveArgs,

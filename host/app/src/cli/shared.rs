@@ -29,6 +29,8 @@ pub(super) const LOG: &str =
     "A log, a recording of a laser, or the folder of the run that made it; - reads a log from standard input";
 /// Help of `--map`.
 pub(super) const MAP: &str = "Folder that `lrfslam map` has written";
+/// Help of `--resume`.
+pub(super) const RESUME: &str = "Go on with the run in the folder --out that was killed, with the same settings: what it has recorded is taken again, then what comes";
 /// Help of `--seconds`.
 pub(super) const SECONDS: &str = "End after so many seconds of scans";
 

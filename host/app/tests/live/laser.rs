@@ -154,14 +154,16 @@ fn a_run_is_recorded_and_replays_to_the_same_bytes() {
     damaged_and_cut(folder.path(), &recording);
 }
 
-/// Replays of `recording`: whole, cut, and damaged in the middle.
+/// Replays of `recording`: cut, with a flipped bit, and damaged in the middle.
 fn damaged_and_cut(folder: &Path, recording: &[u8]) {
-    let mut damaged = recording.to_vec();
-    damaged[recording.len() / 2] ^= 1;
+    let (mut flipped, mut damaged) = (recording.to_vec(), recording.to_vec());
+    flipped[recording.len() / 2] ^= 1;
+    damaged[recording.len() / 2..][..40].fill(0xA5);
     let cut = &recording[..recording.len() * 3 / 4];
     for (name, bytes, code, words) in [
-        ("cut", cut, 0, "ends in the middle (was the program killed?)"),
-        ("damaged", &damaged, 1, "damaged.rec: the recording is damaged from byte"),
+        ("cut", cut, 1, "ends in the middle (was the program killed, or the file cut?)"),
+        ("flipped", &flipped, 0, "the recording had 1 flipped bit, which was mended"),
+        ("damaged", &damaged, 1, "damaged.rec: the recording is damaged in 1 place, the first at byte"),
     ] {
         fs::write(folder.join(format!("{name}.rec")), bytes).unwrap();
         let (ended, stdout, stderr) = run(folder, &["replay", &format!("{name}.rec"), "--fast", "--out", name]);
@@ -258,7 +260,7 @@ fn a_program_that_is_killed_leaves_a_recording_that_replays() {
     host.kill().unwrap();
     host.wait().unwrap();
     let (code, stdout, stderr) = run(folder.path(), &["replay", "drive.rec", "--fast", "--out", "again"]);
-    assert!(code == 0 && stderr.contains("was the program killed?"), "{stderr}");
+    assert!(code == 1 && stderr.contains("was the program killed"), "{stderr}");
     let scans: u32 = stdout.split_whitespace().next().unwrap().parse().unwrap();
     assert!(scans > 10, "{stdout}");
 }

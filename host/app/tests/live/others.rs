@@ -83,7 +83,8 @@ fn pose(number: u32, x: f32) -> FromRobot<'static> {
 #[test]
 fn what_no_robot_says_ends_the_session_and_is_named() {
     const REGION: Region = Region { columns: [-3000, 3000], rows: [-3000, 3000] };
-    let place = |number: u32| ((number % 180) as i16 * 300 - 27_000, (number / 180) as i16 * 300 - 27_000);
+    let apart = |index: u32| (index as i32 * 300 - 27_000) as i16;
+    let place = move |number: u32| (apart(number % 180), apart(number / 180));
     let tile = move |number| {
         let (column, row) = place(number);
         FromRobot::Left(TileUpdate { column, row, squares: &[1; 128] })

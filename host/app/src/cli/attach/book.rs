@@ -16,7 +16,7 @@ use lrfslam_host::monitor::Health;
 use lrfslam_host::output::ResultFolder;
 use lrfslam_host::plural::count;
 use lrfslam_host::results::report::Ending;
-use lrfslam_host::robot::{JOURNAL, LinkEvent, RobotEvent, Told};
+use lrfslam_host::robot::{Absurd, JOURNAL, LinkEvent, RobotEvent, Told};
 use lrfslam_host::runs::map::Beside;
 
 /// From one line about the robot to the next.
@@ -164,6 +164,8 @@ impl<'a> Book<'a> {
 
     /// The first fault ends the run.
     pub(super) fn fail(&mut self, fault: anyhow::Error) {
+        // Of one that says what no robot can, no end is waited for.
+        self.is_refused |= fault.is::<Absurd>();
         self.fault.get_or_insert(fault);
     }
 
