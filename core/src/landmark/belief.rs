@@ -177,7 +177,7 @@ impl<'m> Belief<'m> {
         let turn_variance = self.covariance.at(2, 2);
         let (sinc, versine) = exponential(turn);
         let (sin, cos) = libm::sincos(turn);
-        for first in (0..order).filter(|row| *row == 0 || (*row >= ROBOT && (row - ROBOT) % 2 == 0)) {
+        for first in (0..order).filter(|row| *row == 0 || (*row >= ROBOT && (row - ROBOT).is_multiple_of(2))) {
             let [dx, dy] = [first, first + 1].map(|row| self.work.get(row).map_or(0.0, &change));
             let (x, y) = (self.at(first), self.at(first + 1));
             let (xi_x, xi_y) = (dx + y * turn, dy - x * turn);

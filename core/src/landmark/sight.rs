@@ -75,8 +75,8 @@ impl Sensor {
 
     /// How the landmark at `landmark` is seen by `robot`; `None` if they are in one place.
     pub fn view(&self, robot: &RobotState, landmark: Vector2<f64>) -> Option<View> {
-        let (lever, heading) = self.lever(robot[2]);
-        let d = landmark - Vector2::new(robot[0], robot[1]) - lever;
+        let (lever, heading) = self.lever(robot.z);
+        let d = landmark - Vector2::new(robot.x, robot.y) - lever;
         let squared = d.norm_squared();
         if squared.is_nan() || squared < 1e-12 {
             return None;
@@ -99,12 +99,12 @@ impl Sensor {
 
     /// Where the landmark of `sighting` is if `robot` sees it so (eq. 4.12).
     pub fn place(&self, robot: &RobotState, sighting: &Sighting) -> Place {
-        let (lever, heading) = self.lever(robot[2]);
+        let (lever, heading) = self.lever(robot.z);
         let (sin, cos) = libm::sincos(heading + sighting.bearing_rad);
         let ray = Vector2::new(cos, sin) * sighting.range_m;
         let arm = lever + ray;
         Place {
-            at: Vector2::new(robot[0], robot[1]) + arm,
+            at: Vector2::new(robot.x, robot.y) + arm,
             by_robot: Matrix2x3::new(1.0, 0.0, -arm.y, 0.0, 1.0, arm.x),
             by_sighting: Matrix2::new(cos, -ray.y, sin, ray.x),
         }

@@ -5,7 +5,7 @@
 
 use nalgebra::Matrix5;
 
-use super::{Control, LandmarkConfig, ROBOT, RobotCovariance, RobotState, wrap_angle};
+use super::{Control, LandmarkConfig, RobotCovariance, RobotState, wrap_angle};
 
 /// What the robot reported, and the variances of what it did.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,15 +79,12 @@ impl Travel {
             0.0,
         );
         let mut jacobian = Matrix5::identity();
-        jacobian[(0, 2)] = -chord * sin;
-        jacobian[(1, 2)] = chord * cos;
-        for row in 0..3 {
-            jacobian[(row, 3)] = by_distance[row] * self.distance_m;
-            jacobian[(row, 4)] = by_turn[row] * self.turn_rad;
-        }
+        (jacobian.m13, jacobian.m23) = (-chord * sin, chord * cos);
+        jacobian.fixed_view_mut::<3, 1>(0, 3).copy_from(&(by_distance.fixed_rows::<3>(0) * self.distance_m));
+        jacobian.fixed_view_mut::<3, 1>(0, 4).copy_from(&(by_turn.fixed_rows::<3>(0) * self.turn_rad));
         let mut noise = by_distance * by_distance.transpose() * self.distance_variance
             + by_turn * by_turn.transpose() * self.turn_variance;
-        noise[(2, 2)] += self.heading_variance;
+        noise.m33 += self.heading_variance;
         (jacobian, noise)
     }
 }
@@ -104,9 +101,7 @@ fn half_sinc(b: f64) -> (f64, f64) {
 
 /// The covariance of a robot at the start: where it is, is the map's origin; its scales are not known.
 pub fn start_covariance(config: &LandmarkConfig) -> RobotCovariance {
-    let mut covariance = RobotCovariance::zeros();
-    for (index, deviation) in [config.distance_scale_deviation, config.turn_scale_deviation].into_iter().enumerate() {
-        covariance[(ROBOT - 2 + index, ROBOT - 2 + index)] = f64::from(deviation) * f64::from(deviation);
-    }
-    covariance
+    let variance = |deviation: f32| f64::from(deviation) * f64::from(deviation);
+    let [of_distance, of_turn] = [config.distance_scale_deviation, config.turn_scale_deviation].map(variance);
+    RobotCovariance::from_diagonal(&RobotState::new(0.0, 0.0, 0.0, of_distance, of_turn))
 }

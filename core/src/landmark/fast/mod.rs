@@ -138,8 +138,8 @@ impl<'m> FastSlam<'m> {
     /// Weighted mean of the robots; headings by their directions.
     pub fn mean(&self) -> RobotState {
         let mut mean: RobotState = self.particles.iter().map(|p| p.robot * p.weight).sum();
-        let part = |of: fn(f64) -> f64| self.particles.iter().map(|p| of(p.robot[2]) * p.weight).sum::<f64>();
-        mean[2] = libm::atan2(part(libm::sin), part(libm::cos));
+        let part = |of: fn(f64) -> f64| self.particles.iter().map(|p| of(p.robot.z) * p.weight).sum::<f64>();
+        mean.z = libm::atan2(part(libm::sin), part(libm::cos));
         mean
     }
 
@@ -148,7 +148,7 @@ impl<'m> FastSlam<'m> {
         let mean = self.mean();
         let of = |p: &FastParticle| {
             let mut off = p.robot - mean;
-            off[2] = super::wrap_angle(off[2]);
+            off.z = super::wrap_angle(off.z);
             (off * off.transpose() + p.covariance) * p.weight
         };
         self.particles.iter().map(of).sum()
@@ -283,12 +283,12 @@ fn normalise(particles: &mut [FastParticle]) -> f64 {
 /// Draws x, y and heading one after the other, each given the ones before; what depends on them follows exactly.
 fn draw_pose(particle: &mut FastParticle, rng: &mut RandomStream) {
     for row in 0..3 {
-        let variance = particle.covariance[(row, row)];
         let draw = f64::from(normal(rng));
+        let column = particle.covariance.column(row).into_owned();
+        let variance = column.get(row).copied().unwrap_or(0.0);
         if variance.is_nan() || variance <= DEVIATION_MIN * DEVIATION_MIN {
             continue;
         }
-        let column = particle.covariance.column(row).into_owned();
         particle.robot += column * (draw / libm::sqrt(variance));
         particle.covariance -= column * column.transpose() / variance;
     }
@@ -296,5 +296,5 @@ fn draw_pose(particle: &mut FastParticle, rng: &mut RandomStream) {
         particle.covariance.row_mut(row).fill(0.0);
         particle.covariance.column_mut(row).fill(0.0);
     }
-    particle.robot[2] = super::wrap_angle(particle.robot[2]);
+    particle.robot.z = super::wrap_angle(particle.robot.z);
 }
