@@ -23,6 +23,7 @@ mod experiment_envelope;
 mod experiment_starts;
 #[cfg(feature = "experiments")]
 mod experiment_sweep;
+mod landmarks;
 mod laser;
 mod live_scans;
 mod localize;
@@ -73,6 +74,7 @@ enum Command {
     Replay(replay::ReplayArgs),
     Attach(Box<attach::AttachArgs>),
     Lrf(lrf::LrfArgs),
+    Landmarks(Box<landmarks::LandmarksArgs>),
     Doctor(Box<doctor::DoctorArgs>),
     Calibrate(calibrate::CalibrateArgs),
     Config(config::PrintArgs),
@@ -154,6 +156,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Replay(args) => replay::run(args),
         Command::Attach(args) => attach::run(args),
         Command::Lrf(args) => lrf::run(args),
+        Command::Landmarks(args) => landmarks::run(args),
         Command::Doctor(args) => doctor::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Config(args) => config::run(args),
