@@ -172,7 +172,7 @@ crate::config! {
         /// FastSLAM proposes poses by what is seen (2.0); false proposes them by motion alone (1.0, thesis table 4.2).
         fast_proposal: bool = true;
         /// FastSLAM 2.0: share of the kernel that each drawn pose stands for; 0 takes drawn poses for certain.
-        fast_kernel: f32 = 1.0, in 0.0..=10.0;
+        fast_kernel: f32 = 0.0, in 0.0..=10.0;
         /// FastSLAM: share of sightings that say nothing.
         outlier_share: f32 = 0.02, in 0.0..=0.9;
     }

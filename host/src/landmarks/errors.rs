@@ -3,10 +3,12 @@
 //! A SLAM's frame is its own: estimates are first laid on the truth by the rotation and translation that fit best in the mean square, without
 //! a scale (Umeyama, IEEE PAMI 13(4), 1991). The path is aligned by itself; landmarks once by themselves, and once with the path.
 
+use lrfslam_core::landmark::RobotState;
+use lrfslam_core::landmark::sight::Sensor;
 use nalgebra::Vector2;
 use serde::Serialize;
 
-use super::{Drive, MapLandmark};
+use super::{Drive, MapLandmark, What};
 use crate::pose_f64::PoseF64;
 use crate::trajectory::TimedPose;
 
@@ -93,6 +95,27 @@ fn by_identity(drive: &Drive, landmarks: &[MapLandmark]) -> Vec<Pair> {
         same.max_by_key(|landmark| landmark.sightings).map(|found| ((found.at.x, found.at.y), (truth.x, truth.y)))
     };
     drive.landmarks.iter().filter_map(of).collect()
+}
+
+/// Median distance between a range as seen and as path and map expect it, m: how well a run fits its own data, without any truth.
+///
+/// * of sightings with the identity of a landmark in the map; the sensor is where the configuration has it
+pub fn range_misfit(drive: &Drive, path: &[TimedPose], landmarks: &[MapLandmark]) -> Option<f64> {
+    let sensor = Sensor::new(&drive.config);
+    let mut misfits: Vec<f64> = Vec::new();
+    for event in &drive.events {
+        let What::Sightings(sightings) = &event.what else { continue };
+        let stamped = TimedPose { stamp: event.stamp, map_from_robot: PoseF64::new(0.0, 0.0, 0.0).to_f32() };
+        let Some(pose) = truth_at(path, &stamped) else { continue };
+        let robot = RobotState::new(pose.x, pose.y, pose.heading, 1.0, 1.0);
+        for sighting in sightings.iter().filter(|sighting| sighting.identity.is_some()) {
+            let landmark = landmarks.iter().find(|landmark| landmark.identity == sighting.identity);
+            let view = landmark.and_then(|landmark| sensor.view(&robot, landmark.at));
+            misfits.extend(view.map(|view| (sighting.range_m - view.seen.x).abs()));
+        }
+    }
+    misfits.sort_by(f64::total_cmp);
+    misfits.get(misfits.len() / 2).copied()
 }
 
 /// Of each true landmark the nearest found within half a metre of it in the path's frame; each found one stands for one.

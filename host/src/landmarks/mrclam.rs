@@ -7,8 +7,8 @@
 //! what is recorded as range is d cos β. Against the ground truth of dataset 7, recorded over true range falls from 1.02 ahead to 0.90 at
 //! 0.55 rad; divided by cos β it is the same at all bearings to 1 %, and its spread goes from 0.10 to 0.02 m. The reader divides.
 //!
-//! **They are 3 % too long**, with both cameras and all codes alike. No SLAM can find that out: a robot that also does not know the scale of
-//! its odometry has no other measure of length. The reader takes it off, as a calibration of the sensor; [`Ranges`] says otherwise.
+//! A camera may still measure all lengths too long or too short. No SLAM can find that out: a robot that also does not know the scale of its
+//! odometry has no other measure of length. The scale is for the caller to tell, from a calibration of the camera; none is assumed.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -25,16 +25,11 @@ use crate::trajectory::TimedPose;
 /// Subjects up to this one are robots.
 const ROBOTS: u16 = 5;
 
-/// True over recorded depth of the cameras.
-const CAMERA_SCALE: f64 = 0.97;
-
 /// What the recorded ranges are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Ranges {
-    /// Along the optical axis, and 3 % too long.
+    /// Along the optical axis.
     #[default]
-    Calibrated,
-    /// Along the optical axis, as the cameras have them.
     Depths,
     /// Along the ray, as the data set's description says.
     Distances,
@@ -43,10 +38,11 @@ pub enum Ranges {
 /// Reads the drive of one robot.
 ///
 /// * `place` — the folder of a data set; or a path whose last part begins the names of its files, such as `data/mrclam7`
+/// * `range_scale` — true over recorded range, from a calibration; 1 without one
 ///
 /// # Errors
 /// If a file is missing, there are several, or a line is wrong.
-pub fn read(place: &Path, robot: u8, ranges: Ranges) -> anyhow::Result<Drive> {
+pub fn read(place: &Path, robot: u8, ranges: Ranges, range_scale: f64) -> anyhow::Result<Drive> {
     let file = |name: &str| find(place, name);
     let barcodes = numbers(&file("barcodes.dat")?, "subject barcode", 2)?;
     let subjects: HashMap<u16, u16> = barcodes.iter().filter_map(|row| Some((code(row[1])?, code(row[0])?))).collect();
@@ -58,10 +54,9 @@ pub fn read(place: &Path, robot: u8, ranges: Ranges) -> anyhow::Result<Drive> {
         // A code that nobody has was misread.
         let subject = *subjects.get(&code(row[1])?)?;
         let range_m = match ranges {
-            Ranges::Calibrated => row[2] / row[3].cos() * CAMERA_SCALE,
             Ranges::Depths => row[2] / row[3].cos(),
             Ranges::Distances => row[2],
-        };
+        } * range_scale;
         let sighting = Sighting { range_m, bearing_rad: row[3], identity: Some(subject) };
         (subject > ROBOTS).then_some((row[0], sighting))
     });

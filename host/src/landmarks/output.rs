@@ -6,7 +6,7 @@ use std::path::Path;
 use lrfslam_core::landmark::{LandmarkConfig, SightingCounts};
 use serde::Serialize;
 
-use super::errors::{LandmarkErrors, aligned, errors};
+use super::errors::{LandmarkErrors, aligned, errors, range_misfit};
 use super::{Drive, Filter, LandmarkRun};
 use crate::maps::picture::{LandmarkScene, landmarks_png};
 use crate::output::{save_by, save_file, save_json};
@@ -38,6 +38,8 @@ pub struct LandmarkReport {
     pub errors: LandmarkErrors,
     /// Errors of the path as it was believed on the way (online.tum).
     pub online: LandmarkErrors,
+    /// Median distance between ranges as seen and as path and map at the end expect them, m; needs identities, but no truth.
+    pub range_misfit_m: Option<f64>,
     /// Controls taken.
     pub controls: u64,
     /// Batches of sightings taken.
@@ -86,6 +88,7 @@ impl LandmarkReport {
             turn_scale: estimate.turn_scale,
             errors: errors(drive, estimate.best_path(), &estimate.landmarks),
             online: errors(drive, &estimate.online, &estimate.landmarks),
+            range_misfit_m: range_misfit(drive, estimate.best_path(), &estimate.landmarks),
             controls: run.controls,
             batches: run.batches,
             wall_s: run.wall_s,

@@ -50,8 +50,11 @@ struct DriveArgs {
     #[arg(long, value_name = "N", default_value_t = 1)]
     robot: u8,
     /// What MRCLAM's recorded ranges are taken for.
-    #[arg(long, value_enum, default_value_t = RangesArg::Calibrated)]
+    #[arg(long, value_enum, default_value_t = RangesArg::Depths)]
     ranges: RangesArg,
+    /// True over recorded range of MRCLAM's cameras, from a calibration.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = range_scale)]
+    range_scale: f64,
     /// Who says which landmark a sighting is of [default: the sensor, where it does; else joint].
     #[arg(long, value_enum)]
     association: Option<AssociationArg>,
@@ -77,8 +80,6 @@ struct DriveArgs {
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum RangesArg {
-    /// Depths of cameras that see everything 3 % too far.
-    Calibrated,
     /// Depths along the optical axis.
     Depths,
     /// Distances along the ray.
@@ -120,6 +121,11 @@ pub(super) fn run(args: &LandmarksArgs) -> Result<(), Failure> {
     }
 }
 
+fn range_scale(text: &str) -> Result<f64, String> {
+    let scale: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (0.5..=2.0).contains(&scale) { Ok(scale) } else { Err("must lie in 0.5 to 2".to_owned()) }
+}
+
 fn no_memory() -> Failure {
     Failure::Start(anyhow::anyhow!("there is no memory for so many landmarks"))
 }
@@ -133,11 +139,10 @@ impl DriveArgs {
             return victoria::read(&self.data);
         }
         let ranges = match self.ranges {
-            RangesArg::Calibrated => Ranges::Calibrated,
             RangesArg::Depths => Ranges::Depths,
             RangesArg::Distances => Ranges::Distances,
         };
-        mrclam::read(&self.data, self.robot, ranges)
+        mrclam::read(&self.data, self.robot, ranges, self.range_scale)
     }
 
     fn config(&self, drive: &Drive) -> anyhow::Result<LandmarkConfig> {
@@ -165,7 +170,7 @@ impl DriveArgs {
 
     fn table(&self, drive: &Drive, config: &LandmarkConfig, filter: Filter, seeds: u64) -> Result<(), Failure> {
         let mut text = String::from(
-            "| seed | path, m | on the way, m | landmarks, m | found | false |\n|---|---|---|---|---|---|\n",
+            "| seed | path, online, m | path, at the end, m | landmarks, m | found | false |\n|---|---|---|---|---|---|\n",
         );
         for seed in 1..=seeds {
             let room = usize::from(self.landmarks_max);
@@ -175,7 +180,7 @@ impl DriveArgs {
             let [path, online, landmarks] =
                 [end.path_rmse_m, way.path_rmse_m, end.landmarks_rmse_m].map(|error| metres(error, 3));
             let (found, wrong) = (end.landmarks_found, end.landmarks_false);
-            let _ = writeln!(text, "| {seed} | {path} | {online} | {landmarks} | {found} | {wrong} |");
+            let _ = writeln!(text, "| {seed} | {online} | {path} | {landmarks} | {found} | {wrong} |");
         }
         super::print(&text)
     }
@@ -203,7 +208,10 @@ fn summary(report: &LandmarkReport, folder: &Path) -> String {
     }
     if let Some(path) = report.errors.path_rmse_m {
         let online = metres(report.online.path_rmse_m, 3);
-        let _ = writeln!(text, "path: root mean square error {path:.3} m, as believed on the way {online} m");
+        let _ = writeln!(text, "path: root mean square error {online} m online, {path:.3} m at the end");
+    }
+    if let Some(misfit) = report.range_misfit_m {
+        let _ = writeln!(text, "ranges: {misfit:.3} m from what path and map expect, the median");
     }
     if let Some(landmarks) = report.errors.landmarks_rmse_m {
         let errors = &report.errors;
