@@ -45,6 +45,7 @@ pub mod distributed_map;
 pub mod filter;
 pub mod geometry;
 pub mod grid;
+pub mod landmark;
 pub mod laser_odometry;
 pub mod low_slam;
 pub mod matcher;

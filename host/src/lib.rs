@@ -7,6 +7,7 @@
 
 pub mod doctor;
 pub mod input;
+pub mod landmarks;
 pub mod localize;
 pub mod mapping;
 pub mod maps;

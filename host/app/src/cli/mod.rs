@@ -23,6 +23,7 @@ mod experiment_envelope;
 mod experiment_starts;
 #[cfg(feature = "experiments")]
 mod experiment_sweep;
+mod landmarks;
 mod laser;
 #[cfg(feature = "monitor")]
 mod live_page;
@@ -88,6 +89,7 @@ enum Command {
     Attach(Box<attach::AttachArgs>),
     Watch(watch::WatchArgs),
     Lrf(lrf::LrfArgs),
+    Landmarks(Box<landmarks::LandmarksArgs>),
     Doctor(Box<doctor::DoctorArgs>),
     Calibrate(calibrate::CalibrateArgs),
     Config(config::PrintArgs),
@@ -170,6 +172,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Attach(args) => attach::run(args),
         Command::Watch(args) => watch::run(args),
         Command::Lrf(args) => lrf::run(args),
+        Command::Landmarks(args) => landmarks::run(args),
         Command::Doctor(args) => doctor::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Config(args) => config::run(args),

@@ -6,6 +6,7 @@
 mod canvas;
 mod cloud;
 mod glyphs;
+mod landmarks;
 mod legend;
 mod scan;
 
@@ -15,6 +16,7 @@ use std::path::Path;
 use anyhow::Context as _;
 
 pub use self::cloud::{CloudView, cloud_png};
+pub use self::landmarks::{LandmarkScene, landmarks_png};
 pub use self::scan::scan_png;
 
 use self::canvas::{Canvas, Rgb};

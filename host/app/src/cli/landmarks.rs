@@ -1,0 +1,223 @@
+//! `lrfslam landmarks`: controls and sightings of landmarks in; path, landmarks, picture and report out.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+use anyhow::Context as _;
+use clap::{Args, Subcommand, ValueEnum};
+use lrfslam_core::config::Section as _;
+use lrfslam_core::landmark::{Association, LandmarkConfig};
+
+use super::out::OutArgs;
+use super::shared::{SeedArgs, TellArgs};
+use super::{Failure, interrupt_flag};
+use lrfslam_host::landmarks::mrclam::Ranges;
+use lrfslam_host::landmarks::output::{LandmarkReport, write};
+use lrfslam_host::landmarks::{Drive, Filter, mrclam, run::run as run_filter, simulated, victoria};
+
+/// Map point landmarks by EKF-SLAM or FastSLAM.
+///
+/// Reads a drive of the data sets MRCLAM and Victoria Park, or simulates one. Written are trajectory.tum (the path as it is believed at the end),
+/// online.tum (as it was believed on the way), landmarks.csv (with covariances), landmarks.png (with 95 % ellipses) and run.json (with the
+/// errors, where the truth is known).
+#[derive(Debug, Args)]
+pub(super) struct LandmarksArgs {
+    #[command(subcommand)]
+    filter: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// One Gaussian over robot and landmarks (thesis §4.1).
+    Ekf(DriveArgs),
+    /// Particles that each have a map (thesis §4.2).
+    Fastslam {
+        /// Particles.
+        #[arg(long, value_name = "COUNT", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=10_000))]
+        particles: u16,
+        #[command(flatten)]
+        drive: DriveArgs,
+    },
+}
+
+#[derive(Debug, Args)]
+struct DriveArgs {
+    /// Folder of MRCLAM or Victoria Park, or how the names of the files begin, such as data/mrclam7; "sim" simulates a drive.
+    #[arg(long, value_name = "DIR|sim")]
+    data: PathBuf,
+    /// Robot of MRCLAM.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    robot: u8,
+    /// What MRCLAM's recorded ranges are taken for.
+    #[arg(long, value_enum, default_value_t = RangesArg::Depths)]
+    ranges: RangesArg,
+    /// True over recorded range of MRCLAM's cameras, from a calibration.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = range_scale)]
+    range_scale: f64,
+    /// Who says which landmark a sighting is of [default: the sensor, where it does; else joint].
+    #[arg(long, value_enum)]
+    association: Option<AssociationArg>,
+    /// Room for so many landmarks.
+    #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u16).range(1..=2000))]
+    landmarks_max: u16,
+    /// Landmarks of a simulated drive.
+    #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u16).range(1..=2000))]
+    posts: u16,
+    /// Change one value of the configuration in run.json; may be given more than once.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Run seeds 1 to COUNT, print a line for each, and write nothing.
+    #[arg(long, value_name = "COUNT", conflicts_with_all = ["out", "overwrite"], value_parser = clap::value_parser!(u64).range(1..1000))]
+    seeds: Option<u64>,
+    #[command(flatten)]
+    seed: SeedArgs,
+    #[command(flatten)]
+    out: OutArgs,
+    #[command(flatten)]
+    tell: TellArgs,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum RangesArg {
+    /// Depths along the optical axis.
+    Depths,
+    /// Distances along the ray.
+    Distances,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum AssociationArg {
+    /// The sensor says it.
+    Known,
+    /// The nearest, in Mahalanobis' distance.
+    Nearest,
+    /// The most sightings that fit together.
+    Joint,
+}
+
+pub(super) fn run(args: &LandmarksArgs) -> Result<(), Failure> {
+    let (filter, args) = match &args.filter {
+        Command::Ekf(drive) => (Filter::Ekf, drive),
+        Command::Fastslam { particles, drive } => (Filter::Fastslam { particles: *particles }, drive),
+    };
+    let drive = args.drive().map_err(Failure::Start)?;
+    let config = args.config(&drive).map_err(Failure::Start)?;
+    if let Some(seeds) = args.seeds {
+        return args.table(&drive, &config, filter, seeds);
+    }
+    let stop = interrupt_flag().map_err(Failure::start)?;
+    let mut folder = args.out.folder("landmarks")?;
+    let done = run_filter(&drive, &config, filter, usize::from(args.landmarks_max), args.seed.seed, |_, _| {
+        !stop.load(Ordering::Relaxed)
+    });
+    let done = done.ok_or_else(no_memory)?;
+    let report = LandmarkReport::new(&drive, &config, filter, args.seed.seed, &done);
+    folder.save(|place| write(place, &drive, &done, &report)).map_err(Failure::Work)?;
+    args.tell.print(&report, || summary(&report, folder.named()))?;
+    match stop.load(Ordering::Relaxed) {
+        true => Err(Failure::Interrupted(anyhow::anyhow!("the drive was not at its end: results are partial"))),
+        false => Ok(()),
+    }
+}
+
+fn range_scale(text: &str) -> Result<f64, String> {
+    let scale: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (0.5..=2.0).contains(&scale) { Ok(scale) } else { Err("must lie in 0.5 to 2".to_owned()) }
+}
+
+fn no_memory() -> Failure {
+    Failure::Start(anyhow::anyhow!("there is no memory for so many landmarks"))
+}
+
+impl DriveArgs {
+    fn drive(&self) -> anyhow::Result<Drive> {
+        if self.data == Path::new("sim") {
+            return Ok(simulated::drive(usize::from(self.posts), self.seed.seed));
+        }
+        if ["inputs.dat", "inputs.dat.gz"].iter().any(|name| self.data.join(name).exists()) {
+            return victoria::read(&self.data);
+        }
+        let ranges = match self.ranges {
+            RangesArg::Depths => Ranges::Depths,
+            RangesArg::Distances => Ranges::Distances,
+        };
+        mrclam::read(&self.data, self.robot, ranges, self.range_scale)
+    }
+
+    fn config(&self, drive: &Drive) -> anyhow::Result<LandmarkConfig> {
+        let mut table = toml::Table::try_from(drive.config)?;
+        for set in &self.set {
+            let (key, value) = set.split_once('=').with_context(|| format!("--set {set}: expected KEY=VALUE"))?;
+            let parsed = toml::from_str::<toml::Table>(&format!("value = {value}")).ok();
+            let parsed = parsed.and_then(|mut table| table.remove("value"));
+            table.insert(key.to_owned(), parsed.unwrap_or_else(|| toml::Value::String(value.to_owned())));
+        }
+        let mut config: LandmarkConfig = table.try_into()?;
+        config.association = match self.association {
+            Some(AssociationArg::Known) => Association::Known,
+            Some(AssociationArg::Nearest) => Association::Nearest,
+            Some(AssociationArg::Joint) => Association::Joint,
+            None => config.association,
+        };
+        anyhow::ensure!(
+            drive.has_identities || config.association != Association::Known,
+            "the sightings of this drive have no identities: --association nearest or joint"
+        );
+        config.validate()?;
+        Ok(config)
+    }
+
+    fn table(&self, drive: &Drive, config: &LandmarkConfig, filter: Filter, seeds: u64) -> Result<(), Failure> {
+        let mut text = String::from(
+            "| seed | path, online, m | path, at the end, m | landmarks, m | found | false |\n|---|---|---|---|---|---|\n",
+        );
+        for seed in 1..=seeds {
+            let room = usize::from(self.landmarks_max);
+            let done = run_filter(drive, config, filter, room, seed, |_, _| true).ok_or_else(no_memory)?;
+            let report = LandmarkReport::new(drive, config, filter, seed, &done);
+            let (end, way) = (&report.errors, &report.online);
+            let [path, online, landmarks] =
+                [end.path_rmse_m, way.path_rmse_m, end.landmarks_rmse_m].map(|error| metres(error, 3));
+            let (found, wrong) = (end.landmarks_found, end.landmarks_false);
+            let _ = writeln!(text, "| {seed} | {online} | {path} | {landmarks} | {found} | {wrong} |");
+        }
+        super::print(&text)
+    }
+}
+
+fn metres(error: Option<f64>, digits: usize) -> String {
+    error.map_or("-".to_owned(), |error| format!("{error:.digits$}"))
+}
+
+fn summary(report: &LandmarkReport, folder: &Path) -> String {
+    let seen = &report.sightings;
+    let mut text = format!(
+        "{}\n{} landmarks; {} sightings matched, {} refused; scale of distances {:.3}, of turns {:.3}; {:.1} s, {} bytes\n",
+        report.drive,
+        report.landmarks,
+        seen.matched,
+        seen.refused,
+        report.distance_scale,
+        report.turn_scale,
+        report.wall_s,
+        report.memory_bytes,
+    );
+    if seen.full > 0 {
+        let _ = writeln!(text, "{} sightings found no room for a landmark: raise --landmarks-max", seen.full);
+    }
+    if let Some(path) = report.errors.path_rmse_m {
+        let online = metres(report.online.path_rmse_m, 3);
+        let _ = writeln!(text, "path: root mean square error {online} m online, {path:.3} m at the end");
+    }
+    if let Some(misfit) = report.range_misfit_m {
+        let _ = writeln!(text, "ranges: {misfit:.3} m from what path and map expect, the median");
+    }
+    if let Some(landmarks) = report.errors.landmarks_rmse_m {
+        let errors = &report.errors;
+        let (found, wrong) = (errors.landmarks_found, errors.landmarks_false);
+        let _ = writeln!(text, "landmarks: root mean square error {landmarks:.3} m; {found} found, {wrong} false");
+    }
+    let _ = writeln!(text, "results in {}", folder.display());
+    text
+}

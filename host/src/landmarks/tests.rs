@@ -1,0 +1,74 @@
+//! Runs over simulated and recorded drives, against their truth.
+
+use std::path::PathBuf;
+
+use lrfslam_core::landmark::Control;
+
+use super::errors::errors;
+use super::run::run;
+use super::*;
+
+/// The data sets; none says so, and its test is skipped.
+fn data() -> Option<PathBuf> {
+    let place = std::env::var_os("LRFSLAM_DATA").map(|data| PathBuf::from(data).join("landmarks"));
+    let found = place.filter(|place| place.is_dir());
+    if found.is_none() {
+        println!("skipped: LRFSLAM_DATA names no folder with landmarks");
+    }
+    found
+}
+
+#[test]
+fn velocities_are_cut_where_something_is_seen() {
+    let velocity = |t, forward_m_s| Velocity { t, forward_m_s, turn_rad_s: 0.0 };
+    let events = merge(&[velocity(1.0, 0.5), velocity(2.0, 1.0)], vec![(0.5, vec![]), (1.25, vec![]), (2.5, vec![])]);
+    let seconds: Vec<f64> = events
+        .iter()
+        .filter_map(|event| match event.what {
+            What::Control(Control::Velocity { forward_m_s, seconds, .. }) => Some(forward_m_s * seconds),
+            _ => None,
+        })
+        .collect();
+    // The robot stands until its first report; from 1.25 s to 2 s it goes on as reported at 1 s.
+    assert_eq!(seconds, [0.0, 0.125, 0.375, 0.5]);
+    assert!(events.is_sorted_by_key(|event| event.stamp));
+}
+
+#[test]
+fn both_filters_map_a_simulated_drive() {
+    let drive = simulated::drive(30, 2);
+    for filter in [Filter::Ekf, Filter::Fastslam { particles: 60 }] {
+        let run = run(&drive, &drive.config, filter, 40, 1, |_, _| true).unwrap();
+        let errors = errors(&drive, run.estimate.best_path(), &run.estimate.landmarks);
+        println!("{filter:?}: {errors:?}");
+        assert!(errors.path_rmse_m.unwrap() < 0.4 && errors.landmarks_rmse_m.unwrap() < 0.4, "{filter:?}: {errors:?}");
+        assert_eq!(errors.landmarks_false, 0);
+    }
+}
+
+/// Bounds of the path as it is believed at the end, and of the landmarks. Nothing is calibrated: the cameras' scale is in the landmarks' errors.
+#[test]
+fn an_ekf_maps_mrclam() {
+    let Some(place) = data() else { return };
+    for (robot, path_m, landmarks_m) in [(1, 0.18, 0.12), (3, 0.16, 0.12)] {
+        let drive = mrclam::read(&place.join("mrclam7"), robot, mrclam::Ranges::default(), 1.0).unwrap();
+        let run = run(&drive, &drive.config, Filter::Ekf, 20, 1, |_, _| true).unwrap();
+        let errors = errors(&drive, run.estimate.best_path(), &run.estimate.landmarks);
+        println!("robot {robot}: {errors:?}");
+        assert!(errors.path_rmse_m.unwrap() <= path_m, "robot {robot}: {errors:?}");
+        assert!(errors.landmarks_rmse_m.unwrap() <= landmarks_m, "robot {robot}: {errors:?}");
+    }
+}
+
+#[test]
+fn a_missing_file_is_named() {
+    let empty = tempfile::tempdir().unwrap();
+    let error = mrclam::read(empty.path(), 1, mrclam::Ranges::default(), 1.0).unwrap_err().to_string();
+    assert!(error.contains("no file called …barcodes.dat"), "{error}");
+    std::fs::write(empty.path().join("a_Barcodes.dat"), "# subject barcode\n6 x\n").unwrap();
+    let error = mrclam::read(empty.path(), 1, mrclam::Ranges::default(), 1.0).unwrap_err().to_string();
+    assert!(error.contains("line 2: field barcode"), "{error}");
+    std::fs::write(empty.path().join("b_Barcodes.dat.gz"), "").unwrap();
+    let error = mrclam::read(empty.path(), 1, mrclam::Ranges::default(), 1.0).unwrap_err().to_string();
+    assert!(error.contains("both end with barcodes.dat"), "{error}");
+}

@@ -1,0 +1,85 @@
+//! Victoria Park (Nebot): a car among trees, which a laser on its front sees; GPS where the sky is open.
+//!
+//! Files: `inputs.dat` (t, speed of the left rear wheel in m/s, steering angle in rad), `measurements.dat` (t, range, bearing from the
+//! right, diameter), `gps.dat` (t, x, y); plain or gzip.
+
+use std::f64::consts::FRAC_PI_2;
+use std::path::Path;
+
+use anyhow::ensure;
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::landmark::{Association, LandmarkConfig, Sighting};
+use lrfslam_core::time::Instant;
+
+use super::mrclam::{find, in_order, numbers};
+use super::{Drive, Velocity, batches, merge};
+use crate::trajectory::TimedPose;
+
+/// Between the axles, m.
+const WHEELBASE_M: f64 = 2.83;
+/// From the middle of the rear axle to the wheel whose speed is measured, m.
+const HALF_TRACK_M: f64 = 0.76;
+/// The laser, from the middle of the rear axle: forward and left, m.
+const LASER_M: [f32; 2] = [3.78, 0.5];
+
+/// Reads the drive.
+///
+/// # Errors
+/// If a file is missing or a line is wrong.
+pub fn read(place: &Path) -> anyhow::Result<Drive> {
+    let inputs = numbers(&find(place, "inputs.dat")?, "t speed steering", 3)?;
+    let seen = numbers(&find(place, "measurements.dat")?, "t range bearing diameter", 4)?;
+    let velocities: Vec<Velocity> = in_order(inputs).map(|row| velocity(row[0], row[1], row[2])).collect();
+    let sightings = in_order(seen).map(|row| {
+        let sighting = Sighting { range_m: row[1], bearing_rad: row[2] - FRAC_PI_2, identity: None };
+        (row[0], sighting)
+    });
+    let events = merge(&velocities, batches(sightings));
+    ensure!(!events.is_empty(), "{}: neither inputs nor measurements", place.display());
+    let truth = match find(place, "gps.dat") {
+        Ok(path) => in_order(numbers(&path, "t x y", 3)?).map(|row| fix(&row)).collect(),
+        Err(_) => Vec::new(),
+    };
+    let name = format!("{}, Victoria Park", place.display());
+    Ok(Drive {
+        name,
+        events,
+        truth,
+        has_headings: false,
+        landmarks: Vec::new(),
+        config: config(),
+        has_identities: false,
+    })
+}
+
+/// Of the middle of the rear axle: the measured wheel is on the inside of a left turn.
+fn velocity(t: f64, wheel_m_s: f64, steering_rad: f64) -> Velocity {
+    let tangent = steering_rad.tan();
+    let forward_m_s = wheel_m_s / (1.0 - HALF_TRACK_M * tangent / WHEELBASE_M);
+    Velocity { t, forward_m_s, turn_rad_s: forward_m_s * tangent / WHEELBASE_M }
+}
+
+fn fix(row: &[f64]) -> TimedPose {
+    let map_from_robot = Pose2::new(row[1] as f32, row[2] as f32, 0.0);
+    TimedPose { stamp: Instant::from_secs_f64(row[0]), map_from_robot }
+}
+
+fn config() -> LandmarkConfig {
+    LandmarkConfig {
+        alpha_1: 0.1,
+        alpha_2: 0.1,
+        alpha_3: 0.02,
+        alpha_4: 0.2,
+        control_hold_s: 0.1,
+        range_noise_m: 0.3,
+        range_noise_share: 0.0,
+        bearing_noise_deg: 1.5,
+        lrf_x_m: LASER_M[0],
+        lrf_y_m: LASER_M[1],
+        association: Association::Joint,
+        new_landmark_gates: 4.0,
+        confirm_sightings: 5,
+        confirm_batches: 60,
+        ..LandmarkConfig::default()
+    }
+}
