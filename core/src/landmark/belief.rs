@@ -130,7 +130,7 @@ impl<'m> Belief<'m> {
     ///
     /// (I − KH) P (I − KH)ᵀ + KRKᵀ is P − K Bᵀ − B Kᵀ with B = P Hᵀ − ½ K S: one symmetric product of rank two, O(landmarks²).
     ///
-    /// * `noise` — of the sighting; `invariant` — see [`turn_with`](Self::turn_with)
+    /// * `noise` — of the sighting; `invariant` — see `turn_with`
     pub fn correct(
         &mut self,
         landmark: usize,
