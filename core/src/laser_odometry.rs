@@ -162,8 +162,6 @@ pub struct LaserOdometry<'m> {
     turn: u32,
     map_from_robot: Pose2,
     map_from_key: Pose2,
-    /// Where the last scan that went into the whole map was taken.
-    map_from_drawn: Pose2,
     course: Course,
     last_stamp: Option<Instant>,
     last_interval: Duration,
@@ -197,7 +195,6 @@ impl<'m> LaserOdometry<'m> {
             turn: 0,
             map_from_robot: Pose2::IDENTITY,
             map_from_key: Pose2::IDENTITY,
-            map_from_drawn: Pose2::IDENTITY,
             course: Course::default(),
             last_stamp: None,
             last_interval: Duration::ZERO,

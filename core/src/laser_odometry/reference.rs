@@ -90,10 +90,7 @@ impl LaserOdometry<'_> {
             witness.keep(memory, points, map_from_robot, eye);
         }
         let inserted = ndt.insert(hits, map_from_robot);
-        // Scans farther apart than a cell fill no gaps of each other.
-        let is_far = self.map_from_drawn.between(map_from_robot).position().norm() > self.config.ndt.cell_size_m;
-        self.map_from_drawn = map_from_robot;
-        walls::between(hits, eye, if is_far { 0.0 } else { walls::SPARSE_RAD }, |wall| {
+        walls::between(hits, |wall| {
             ndt.insert(wall, map_from_robot);
         });
         inserted

@@ -11,20 +11,14 @@ const STRAIGHT_M: f32 = 0.05;
 /// Points between two hits, at most.
 const POINTS_MAX: usize = 8;
 
-/// A laser whose beams are nearer to each other than this, rad, shows by itself where walls are, as the next scans fill the gaps: chosen,
-/// between 1° and 2°.
-pub(super) const SPARSE_RAD: f32 = 0.03;
-
 /// Calls `add` with points on the line between each two of `hits` (in beam order) that are a wall's: with a third one beside them on their line.
-///
-/// * `eye` — where the laser was, in the frame of the hits; `apart_rad` — only between beams that are at least so far apart
-pub(super) fn between(hits: &[Point2], eye: Point2, apart_rad: f32, mut add: impl FnMut(&[Point2])) {
+pub(super) fn between(hits: &[Point2], mut add: impl FnMut(&[Point2])) {
     for index in 0..hits.len() {
         let at = |index: Option<usize>| index.and_then(|index| hits.get(index)).copied();
         let (Some(a), Some(b)) = (at(Some(index)), at(Some(index + 1))) else { continue };
         let line = b - a;
         let length = line.norm();
-        if !(DENSE_M..=APART_MAX_M).contains(&length) || !are_apart(a - eye, b - eye, apart_rad) {
+        if !(DENSE_M..=APART_MAX_M).contains(&length) {
             continue;
         }
         let is_straight = |c: Point2, from: Point2| {
@@ -46,11 +40,6 @@ pub(super) fn between(hits: &[Point2], eye: Point2, apart_rad: f32, mut add: imp
     }
 }
 
-/// True if two beams to `a` and `b` are at least so far apart.
-fn are_apart(a: Point2, b: Point2, apart_rad: f32) -> bool {
-    (a.x * b.y - a.y * b.x).abs() >= apart_rad * a.norm() * b.norm()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -59,7 +48,7 @@ mod tests {
     fn filled(hits: &[(f32, f32)]) -> usize {
         let hits: Vec<Point2> = hits.iter().map(|(x, y)| Point2::new(*x, *y)).collect();
         let mut count = 0;
-        between(&hits, Point2::default(), SPARSE_RAD, |points| count += points.len());
+        between(&hits, |points| count += points.len());
         count
     }
 
@@ -70,6 +59,5 @@ mod tests {
         assert_eq!(filled(&[(0.0, 1.0), (0.4, 1.0), (0.4, 1.4)]), 0);
         assert_eq!(filled(&[(0.0, 1.0), (0.9, 1.0), (1.8, 1.0)]), 0);
         assert_eq!(filled(&[(0.0, 1.0), (0.05, 1.0), (0.1, 1.0)]), 0);
-        assert_eq!(filled(&[(0.0, 20.0), (0.45, 20.0), (0.9, 20.0)]), 0, "one beam a degree and a half: dense");
     }
 }
