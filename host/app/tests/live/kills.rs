@@ -94,7 +94,7 @@ fn killed_runs_go_on_and_end_with_the_map_of_one_that_was_not_killed() {
 }
 
 #[test]
-#[ignore = "heavy: run by .ci/run"]
+#[ignore = "half an hour; run with --ignored"]
 fn a_hundred_killed_runs_of_each_end_with_the_same_map() {
     std::thread::scope(|scope| {
         scope.spawn(|| recorded_runs(10, 10));
