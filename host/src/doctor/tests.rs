@@ -358,10 +358,10 @@ fn trouble_of_a_laser_is_told() {
     let laser = LaserCounts { damaged: 3, restarts: 1, incomplete: 4, overrun: 2, too_fast: 0 };
     let source = Source::Laser { port: "test".to_owned(), laser, recording: None };
     let diagnosis = examined(floor(), &source);
-    let kinds: Vec<&str> = diagnosis.findings.iter().take(3).map(|finding| finding.kind).collect();
+    let kinds: Vec<&str> = diagnosis.findings.iter().take(4).map(|finding| finding.kind).collect();
     assert_eq!(
         (kinds.as_slice(), diagnosis.severity()),
-        (&["restarts", "damaged-scans", "overrun"][..], Severity::Wrong)
+        (&["restarts", "damaged-scans", "incomplete-turns", "overrun"][..], Severity::Wrong)
     );
 }
 
