@@ -14,6 +14,9 @@ use lrfslam_scan::time::{Duration, Instant};
 /// Damaged scans in a row after which the session begins anew.
 const MAX_BAD: u8 = 8;
 
+/// A telegram that took its time on the line to come, but for this, was read as it came.
+const TIMELY: Duration = Duration::from_millis(1);
+
 impl Dialogue<'_> {
     pub(super) fn begin_streaming(&mut self, now: Instant) {
         let period = self.scan_period();
@@ -46,9 +49,15 @@ impl Dialogue<'_> {
             return self.refuse(now);
         };
         // Both are no earlier than the truth: reading late makes the first late, reading in pieces the second.
-        let first_byte = Instant::from_micros(now.micros - wire_time(length + OVERHEAD, self.base.baud).micros);
+        let wire = wire_time(length + OVERHEAD, self.base.baud);
+        let first_byte = Instant::from_micros(now.micros - wire.micros);
         let left = self.telegram_began.min(first_byte);
         let began = Instant::from_micros(left.micros - shape.sweep.micros);
+        // A telegram that came byte by byte was not read late: what it is late by was lost before it, or never sent.
+        let left_early = self.telegram_began.micros <= first_byte.micros + TIMELY.micros;
+        if left_early && wire.micros > 2 * TIMELY.micros {
+            self.beat.gap();
+        }
         let turns = self.scan_period().micros / TURN.micros;
         let stamp = self.beat.stamp(began, turns as u32);
         let stamp = Instant::from_micros(stamp.micros - self.config.latency.micros);
