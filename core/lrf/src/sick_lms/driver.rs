@@ -16,9 +16,8 @@ use super::decoder::{DecoderEvent, TelegramDecoder};
 use super::measurement::ValueFormat;
 use super::reply::Reply;
 use super::request::{OperatingMode, PASSWORD, Request, Variant};
-use super::scan::{ScanLayout, TURN};
+use super::scan::ScanLayout;
 use super::telegram::Direction;
-use crate::beat::BeatClock;
 use crate::dialogue::{DialogueBase, ScanMemory, State};
 use crate::driver::{BaudPolicy, Counters, Input, LrfDriver, Output, Step};
 use crate::session::{Question, Session};
@@ -138,8 +137,6 @@ struct Dialogue<'a> {
     config: SickConfig,
     base: DialogueBase<Ask>,
     telegram_began: Instant,
-    /// The mirror's turns: the sensor has no clock to read.
-    beat: BeatClock,
     /// Bytes since the last request.
     noise: u32,
     /// A scan came since the last request.
@@ -167,7 +164,6 @@ impl<'a> SickDriver<'a> {
             config,
             base: DialogueBase::default(),
             telegram_began: Instant::default(),
-            beat: BeatClock::new(TURN),
             noise: 0,
             heard_scan: false,
             variant: Variant::DEG_180_BY_1,

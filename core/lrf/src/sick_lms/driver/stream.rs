@@ -14,14 +14,10 @@ use lrfslam_scan::time::{Duration, Instant};
 /// Damaged scans in a row after which the session begins anew.
 const MAX_BAD: u8 = 8;
 
-/// A telegram that took its time on the line to come, but for this, was read as it came.
-const TIMELY: Duration = Duration::from_millis(1);
-
 impl Dialogue<'_> {
     pub(super) fn begin_streaming(&mut self, now: Instant) {
         let period = self.scan_period();
         let first = scan_wait(period, Duration::from_millis(1500));
-        self.beat.restart();
         self.base.begin_streaming(now, self.base.baud, period, first);
     }
 
@@ -53,14 +49,7 @@ impl Dialogue<'_> {
         let first_byte = Instant::from_micros(now.micros - wire.micros);
         let left = self.telegram_began.min(first_byte);
         let began = Instant::from_micros(left.micros - shape.sweep.micros);
-        // A telegram that came byte by byte was not read late: what it is late by was lost before it, or never sent.
-        let left_early = self.telegram_began.micros <= first_byte.micros + TIMELY.micros;
-        if left_early && wire.micros > 2 * TIMELY.micros {
-            self.beat.gap();
-        }
-        let turns = self.scan_period().micros / TURN.micros;
-        let stamp = self.beat.stamp(began, turns as u32);
-        let stamp = Instant::from_micros(stamp.micros - self.config.latency.micros);
+        let stamp = Instant::from_micros(began.micros - self.config.latency.micros);
         self.memory.keep(shape.beams, stamp, shape.range_max_m);
         self.base.announce_scan();
         self.base.wait(now, scan_wait(self.scan_period(), Duration::from_millis(500)));
@@ -81,7 +70,6 @@ impl Dialogue<'_> {
 
     fn bad(&mut self, now: Instant) {
         if self.base.state == State::Streaming {
-            self.beat.gap();
             self.base.bad_scan(now, MAX_BAD);
         }
     }

@@ -238,30 +238,3 @@ fn rate_that_no_sensor_has_is_told_and_not_tried() {
     assert!(heard.iter().any(|text| text == said), "{heard:?}");
     assert!(heard.iter().all(|text| text != "baud 115200") && heard.last().unwrap() == "20 24", "{heard:?}");
 }
-
-/// 75 scans a second, of which a reader that is stopped now and then reads some at once.
-#[test]
-fn stamps_keep_the_mirrors_beat_while_the_reader_is_stopped() {
-    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
-    let fast = SickConfig { baud: BaudPolicy::NoRate, ..SickConfig::default() };
-    let mut desk = Desk::new(fast, &mut bytes, &mut beams);
-    desk.reply(&DONE);
-    desk.reply(&[0xBA, 0x10]);
-    desk.reply(&status(100));
-    desk.reply(&config());
-    desk.reply(&DONE);
-    desk.heard();
-    let began = desk.now;
-    let mut stamps = Vec::new();
-    for turn in 0..1376_i64 {
-        let complete = began.micros + turn * 1_000_000 / 75;
-        let since_stop = (complete - began.micros) % 3_000_000 - 1_500_000;
-        let read = if (0..300_000).contains(&since_stop) { complete + 300_000 - since_stop } else { complete };
-        desk.now = desk.now.max(Instant::from_micros(read));
-        desk.reply_now(&scan(181, None));
-        stamps.push(desk.driver.dialogue.memory.scan().stamp.micros + 6666 - complete);
-    }
-    assert_eq!(desk.heard().len(), 1376);
-    let (least, most) = (stamps.iter().min().unwrap(), stamps.iter().max().unwrap());
-    assert!(*least > -500 && *most < 500, "{least} to {most} us");
-}
