@@ -3,7 +3,7 @@
 //! The last step again, or the robot's odometry: what was nearer to the matches so far predicts, position and heading each for
 //! themselves. So odometry that is good helps, and what is frozen, flipped, slipping or of another clock is left out.
 
-use crate::geometry::{Point2, Pose2};
+use crate::geometry::Pose2;
 use crate::matcher::{Match, PriorSpread};
 
 /// Predictions are remembered for about so many matches. Chosen.
@@ -64,8 +64,6 @@ pub(super) struct Forecast {
 pub(super) struct Course {
     /// The last step, in the frame of the robot before it.
     step: Pose2,
-    /// Scans in a row that left an axis undetermined.
-    silent: u16,
     steady: Errors,
     odometry: Errors,
     /// Matches learned from, up to [`MEMORY`].
@@ -74,7 +72,7 @@ pub(super) struct Course {
 
 impl Default for Course {
     fn default() -> Self {
-        Self { step: Pose2::IDENTITY, silent: 0, steady: Errors::FIRST, odometry: Errors::FIRST, learned: FIRST_COUNT }
+        Self { step: Pose2::IDENTITY, steady: Errors::FIRST, odometry: Errors::FIRST, learned: FIRST_COUNT }
     }
 }
 
@@ -86,7 +84,7 @@ impl Course {
 
     /// Nothing is known of the motion any more.
     pub(super) fn rest(&mut self) {
-        (self.step, self.silent) = (Pose2::IDENTITY, 0);
+        self.step = Pose2::IDENTITY;
     }
 
     /// `odometry`, if it has agreed better with the matches so far than steady motion: where scans say nothing, the robot goes on by it.
@@ -127,9 +125,6 @@ impl Course {
     }
 
     /// The robot has gone on by `step`, as `matched` says.
-    ///
-    /// After scans that left an axis undetermined the first that does not corrects the place as well: what it departs from the forecast
-    /// by is the error of all their steps together, and the last one's share of it is motion.
     pub(super) fn advance(&mut self, forecast: &Forecast, step: Pose2, matched: &Match) {
         if matched.constraint >= JUDGED_FROM {
             self.learned = (self.learned + 1.0).min(MEMORY);
@@ -142,13 +137,7 @@ impl Course {
         if step.heading.abs() > STEADY_RAD {
             return self.rest();
         }
-        let of_all = 1.0 / (1.0 + f32::from(self.silent));
-        let expected = forecast.step.position();
-        let off = step.position() - expected;
-        let Point2 { x, y } = expected + off * of_all;
-        let is_silent = matched.undetermined.is_some();
-        self.step = if is_silent || self.silent == 0 { step } else { Pose2 { x, y, ..step } };
-        self.silent = if is_silent { self.silent.saturating_add(1) } else { 0 };
+        self.step = step;
     }
 }
 
@@ -158,9 +147,8 @@ mod tests {
 
     const USUAL: (f32, f32) = (0.15, 0.17);
 
-    fn sharp(is_silent: bool) -> Match {
-        let constraint = if is_silent { 0.0 } else { 0.4 };
-        Match { constraint, undetermined: is_silent.then_some(Point2::new(1.0, 0.0)), ..Match::none(Pose2::IDENTITY) }
+    fn sharp() -> Match {
+        Match { constraint: 0.4, ..Match::none(Pose2::IDENTITY) }
     }
 
     /// A robot that drives, stands and turns; what its odometry says of each step.
@@ -174,7 +162,7 @@ mod tests {
                 _ => Pose2::new(0.02, 0.0, 0.1),
             };
             forecast = course.forecast(course.step(), Some(says(k, step)), 1.0, USUAL);
-            course.advance(&forecast, step, &sharp(false));
+            course.advance(&forecast, step, &sharp());
         }
         (course, forecast)
     }
@@ -198,23 +186,5 @@ mod tests {
             assert!(course.trusted(Some(Pose2::IDENTITY)).is_none(), "case {index}");
             assert!((forecast.prior.position - 1.0).abs() < 1e-6, "the prior is as wide as without: case {index}");
         }
-    }
-
-    #[test]
-    fn a_place_corrected_after_silence_is_no_motion_backwards() {
-        let mut course = Course::default();
-        let mut go = |step: Pose2, is_silent: bool| {
-            let forecast = course.forecast(course.step(), None, 1.0, USUAL);
-            course.advance(&forecast, step, &sharp(is_silent));
-            course.step().x
-        };
-        assert!((go(Pose2::new(0.1, 0.0, 0.0), false) - 0.1).abs() < 1e-6);
-        // The robot stops where nothing tells; the path goes on for four scans, and is 0.4 m too far, and 0.1 m more is expected.
-        for _ in 0..4 {
-            go(Pose2::new(0.1, 0.0, 0.0), true);
-        }
-        let after = go(Pose2::new(-0.4, 0.0, 0.0), false);
-        assert!(after.abs() < 1e-6, "it stands, and does not drive backwards by {after} m");
-        assert!((go(Pose2::new(0.05, 0.0, 0.0), false) - 0.05).abs() < 1e-6, "then steps are what is matched");
     }
 }

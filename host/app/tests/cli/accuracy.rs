@@ -112,18 +112,18 @@ fn floor_with_loops_closed() {
     check_floor(2, &PathBounds { rmse_m: 0.055, worst_m: 0.157 });
 }
 
-/// Seed 1: 0.0166 m, 0.369 m (0.0162, 0.228 m before what moves was left out of the map).
+/// Seed 1: 0.0168 m, 0.338 m (0.0162, 0.228 m before what moves was left out of the map).
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn intel_by_matching_alone() {
-    check_relations("intel", 0, 1, &RelationBounds { mean_m: 0.020, worst_m: 0.44, share_above_10_cm: 0.0093 });
+    check_relations("intel", 0, 1, &RelationBounds { mean_m: 0.020, worst_m: 0.40, share_above_10_cm: 0.0093 });
 }
 
-/// Seeds 1, 2: 0.0166, 0.0173 m, at the worst 0.350 m.
+/// Seeds 1 to 3: 0.0172 to 0.0177 m, at the worst 0.364 m, 1.01 %. A slip by 2 m is possible (`docs/dp-slam.md`).
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn intel_by_particles() {
-    check_relations("intel", 1, 2, &RelationBounds { mean_m: 0.0208, worst_m: 0.43, share_above_10_cm: 0.012 });
+    check_relations("intel", 1, 2, &RelationBounds { mean_m: 0.0211, worst_m: 0.43, share_above_10_cm: 0.012 });
 }
 
 /// Seed 1: 0.0153 m, 0.159 m, 0.44 %.
