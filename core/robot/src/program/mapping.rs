@@ -1,5 +1,6 @@
 //! Scans in, poses, segments and the map out: what robots do between the laser and the link.
 
+use super::paging;
 use crate::config::RobotConfig;
 use crate::wire::message::{PARTICLES_MAX, PathNode, ScanPose, Segment};
 use lrfslam_core::distributed_map::{DistributedMap, Window};
@@ -63,11 +64,13 @@ impl<'m> Mapping<'m> {
     /// # Errors
     /// [`SlamMemoryError`] if the memory does not fit the configuration.
     pub fn new(config: &RobotConfig, memory: SlamMemory<'m, TILE_SIDE>) -> Result<Self, SlamMemoryError> {
-        let mut slam = config.slam;
-        slam.particles.particles = slam.particles.particles.min(PARTICLES_MAX as u16);
+        let mut slam_config = config.slam;
+        slam_config.particles.particles = slam_config.particles.particles.min(PARTICLES_MAX as u16);
+        let mut slam = Slam::new(&slam_config, config.seed, memory)?;
+        paging::reserve(&mut slam, &slam_config);
         let mut lineage = Lineage { ancestors: [0; PARTICLES_MAX], step: 0, told_step: 0, stamp: Instant::default() };
         lineage.close();
-        Ok(Self { config: *config, slam: Slam::new(&slam, config.seed, memory)?, lineage, scans: 0 })
+        Ok(Self { config: *config, slam, lineage, scans: 0 })
     }
 
     /// The configuration it was made with.

@@ -31,7 +31,7 @@ use crate::wire::session::{QueueFullError, Session};
 use lrfslam_core::distributed_map::{DistributedMap, Region, TilePlace};
 use lrfslam_core::geometry::Point2;
 use lrfslam_core::math::floor;
-use lrfslam_core::slam::TILE_SIDE;
+use lrfslam_core::slam::{Slam, SlamConfig, TILE_SIDE};
 use lrfslam_core::time::{Duration, Instant};
 
 /// From the scan at which a tile is sent or asked for to that at which it is gone or there.
@@ -77,10 +77,8 @@ pub(super) struct Paging {
 impl Paging {
     /// For a map in which nothing was seen yet.
     pub(super) fn of(mapping: &Mapping<'_>) -> Self {
-        let range_max_m = mapping.config().slam.rays.range_max_m;
-        let tile_m = TILE_SIDE as f32 * mapping.slam().filter().map().square_size_m();
-        // The configuration bounds it: 200 m over tiles of 8 cm.
-        Self::new(tile_m, floor(range_max_m / tile_m) as i16 + 1 + MARGIN)
+        let slam = mapping.slam();
+        Self::new(tile_m(slam), radius(&mapping.config().slam, tile_m(slam)))
     }
 
     /// For tiles with sides of `tile_m` m, `radius` of them to each side of the robot's.
@@ -96,13 +94,6 @@ impl Paging {
         }
     }
 
-    /// Of a pool of `tiles`.
-    fn kept_free(&self, tiles: usize) -> u16 {
-        let side = 2 * usize::from(self.radius.unsigned_abs()) + 1;
-        // A pool that is hardly larger than that still has room for a map.
-        (2 * side).min(KEPT_FREE_MAX).min(tiles / 4) as u16
-    }
-
     /// A scan was mapped at `now`: everything is decided here.
     ///
     /// * `robot` — where the robot goes on from, if the filter has taken a step
@@ -113,7 +104,6 @@ impl Paging {
         map: &mut DistributedMap<'_, TILE_SIDE>,
         link: &Session<'_>,
     ) {
-        map.keep_free(self.kept_free(map.tiles_max()));
         robot.into_iter().for_each(|robot| self.drive_to(robot));
         let Self { square: Some(square), leaving, returning, counts, .. } = self else { return };
         returning.settle(now, square, map, counts);
@@ -172,6 +162,30 @@ impl Paging {
     pub(super) fn recalled(&mut self, region: &Region) {
         self.returning.recalled(region);
     }
+}
+
+/// Keeps tiles free for those that come back, whether or not any ever leaves: which particles find room is the same on every computer.
+pub(super) fn reserve(slam: &mut Slam<'_, TILE_SIDE>, config: &SlamConfig) {
+    let radius = radius(config, tile_m(slam));
+    let map = slam.map_mut();
+    map.keep_free(kept_free(radius, map.tiles_max()));
+}
+
+/// Of a pool of `tiles`, for a square that reaches `radius` tiles to each side.
+fn kept_free(radius: i16, tiles: usize) -> u16 {
+    let side = 2 * usize::from(radius.unsigned_abs()) + 1;
+    // A pool that is hardly larger than that still has room for a map.
+    (2 * side).min(KEPT_FREE_MAX).min(tiles / 4) as u16
+}
+
+/// Side of a tile, m.
+fn tile_m(slam: &Slam<'_, TILE_SIDE>) -> f32 {
+    TILE_SIDE as f32 * slam.filter().map().square_size_m()
+}
+
+/// Tiles from the central one to the edge of the square. The configuration bounds it: 200 m over tiles of 8 cm.
+fn radius(config: &SlamConfig, tile_m: f32) -> i16 {
+    floor(config.rays.range_max_m / tile_m) as i16 + 1 + MARGIN
 }
 
 /// True if no host takes anything.

@@ -53,6 +53,11 @@ impl OneMap {
         Self { tree, map, window: Window::new(leak(TileId::NONE, 256)).unwrap() }
     }
 
+    fn keeping_free(mut self, tiles: u16) -> Self {
+        self.map.keep_free(tiles);
+        self
+    }
+
     fn print(&mut self, rays: &[Ray], pose: Pose2) {
         let reach = Point2::new(SEEN_M, SEEN_M);
         let frame = WindowFrame::around(pose.position() - reach, pose.position() + reach, 16, TILE_M);
@@ -89,7 +94,7 @@ impl Pair {
             robot: session(1),
             host: session(2),
             paging: Paging::new(TILE_M, RADIUS),
-            small: OneMap::new(120),
+            small: OneMap::new(120).keeping_free(kept_free(RADIUS, 120)),
             large: OneMap::new(4000),
             left: HashMap::new(),
             asked: Vec::new(),
