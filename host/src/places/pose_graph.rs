@@ -66,6 +66,25 @@ impl Edge {
         !self.is_closure && self.information[(0, 0)] <= BREAK_INFORMATION
     }
 
+    /// True if it ties a node that is not solved for to the older one that it moves with; see [`PoseGraph::hang`].
+    pub fn is_hanging(&self) -> bool {
+        !self.is_closure && self.to < self.from
+    }
+
+    /// The way along this edge and then along `next`: Σ = J₁ Σ₁ J₁ᵀ + J₂ Σ₂ J₂ᵀ.
+    fn followed_by(&self, next: &Self) -> Self {
+        let (z, further) = (self.from_to, next.from_to);
+        let from_to = z.then(further);
+        let (sin, cos) = z.heading.sin_cos();
+        let carried = Matrix3::new(1.0, 0.0, z.y - from_to.y, 0.0, 1.0, from_to.x - z.x, 0.0, 0.0, 1.0);
+        let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+        let covariance_of = |edge: &Self| edge.information.try_inverse().unwrap_or_default();
+        let covariance =
+            carried * covariance_of(self) * carried.transpose() + turned * covariance_of(next) * turned.transpose();
+        let information = covariance.try_inverse().unwrap_or_else(|| Matrix3::from_diagonal_element(1.0));
+        Self { from: self.from, to: next.to, from_to, information, is_closure: false }
+    }
+
     fn linearise(&self, from: PoseF64, to: PoseF64) -> Linear {
         let (sin, cos) = from.heading.sin_cos();
         let (dx, dy) = (to.x - from.x, to.y - from.y);
@@ -119,20 +138,51 @@ impl PoseGraph {
         &self.edges
     }
 
+    /// Takes a node out of what is solved: it moves with the older node `on` from now on, and the way that leads through it joins its
+    /// neighbours. The closures at the node are forgotten. False if that cannot be: it is no plain part of a way.
+    ///
+    /// * `information` — how surely the node lies there, seen from `on`
+    pub fn hang(&mut self, node: usize, on: usize, information: Matrix3<f64>) -> bool {
+        let at = |index: &usize| [self.edges[*index].from, self.edges[*index].to].contains(&node);
+        let of_node: Vec<usize> = (0..self.edges.len()).filter(at).collect();
+        let of_way: Vec<&Edge> =
+            of_node.iter().map(|&index| &self.edges[index]).filter(|edge| !edge.is_closure).collect();
+        let way = match of_way[..] {
+            [a, b] if a.to == node && b.from == node => Some(a.followed_by(b)),
+            [b, a] if a.to == node && b.from == node => Some(a.followed_by(b)),
+            _ => None,
+        };
+        let Some(way) = way.filter(|_| on < node && of_way.iter().all(|edge| !edge.is_break() && !edge.is_hanging()))
+        else {
+            return false;
+        };
+        self.remove_edges(&of_node);
+        let from_to = self.nodes[node].between(self.nodes[on]);
+        self.edges.push(way);
+        self.edges.push(Edge { from: node, to: on, from_to, information, is_closure: false });
+        true
+    }
+
     /// Puts the nodes where they are most likely; returns the closures that do not agree with the rest (indices of
     /// edges, ascending). They are believed the less the worse they fit.
     pub fn solve(&mut self) -> Vec<usize> {
         let mut scale = self.closures().map(|(_, edge)| edge.chi2(&self.nodes)).fold(CHI2_DOUBTED, f64::max);
+        let free = self.free_nodes();
         for _ in 0..STEPS_MAX {
-            let Some(step) = self.step(scale) else { break };
+            let Some(step) = self.step(scale, &free) else { break };
             let largest = step.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
-            for (node, change) in self.nodes.iter_mut().zip(step.as_slice().chunks_exact(3)) {
+            for (node, place) in self.nodes.iter_mut().zip(&free) {
+                let Some(row) = place else { continue };
+                let change = step.fixed_view::<3, 1>(3 * row, 0);
                 *node = PoseF64::new(node.x + change[0], node.y + change[1], wrap(node.heading + change[2]));
             }
             if scale <= CHI2_DOUBTED && largest < STEP_MIN {
                 break;
             }
             scale = (scale / 2.0).max(CHI2_DOUBTED);
+        }
+        for edge in self.edges.iter().filter(|edge| edge.is_hanging()) {
+            self.nodes[edge.from] = self.nodes[edge.to].then(edge.from_to.between(PoseF64::default()));
         }
         let doubted = self.closures().filter(|(_, edge)| edge.chi2(&self.nodes) > CHI2_DOUBTED);
         doubted.map(|(index, _)| index).collect()
@@ -149,17 +199,26 @@ impl PoseGraph {
         self.edges.iter().enumerate().filter(|(_, edge)| edge.is_closure)
     }
 
-    /// Solution of the normal equations, three numbers a node; `None` if they are singular.
-    fn step(&self, scale: f64) -> Option<DMatrix<f64>> {
-        let size = 3 * self.nodes.len();
+    /// Place of each node among those that are solved for; `None` for those that hang.
+    fn free_nodes(&self) -> Vec<Option<usize>> {
+        let mut is_free = vec![true; self.nodes.len()];
+        self.edges.iter().filter(|edge| edge.is_hanging()).for_each(|edge| is_free[edge.from] = false);
+        let mut places = 0..;
+        is_free.into_iter().map(|is_free| if is_free { places.next() } else { None }).collect()
+    }
+
+    /// Solution of the normal equations, three numbers a node of `free`; `None` if they are singular.
+    fn step(&self, scale: f64, free: &[Option<usize>]) -> Option<DMatrix<f64>> {
+        let size = 3 * free.iter().flatten().count();
         let mut matrix = CooMatrix::new(size, size);
         let mut right = DMatrix::zeros(size, 1);
         push_block(&mut matrix, 0, 0, &Matrix3::from_diagonal_element(1e12));
         for edge in &self.edges {
+            let (Some(from), Some(to)) = (free[edge.from], free[edge.to]) else { continue };
             let weight = if edge.is_closure { (scale / (scale + edge.chi2(&self.nodes))).powi(2) } else { 1.0 };
             let information = edge.information * weight;
             let Linear { error, by_from, by_to } = edge.linearise(self.nodes[edge.from], self.nodes[edge.to]);
-            let ends = [(edge.from, by_from), (edge.to, by_to)];
+            let ends = [(from, by_from), (to, by_to)];
             for (row, by_row) in &ends {
                 let weighted = by_row.transpose() * information;
                 let mut part = right.fixed_view_mut::<3, 1>(3 * row, 0);

@@ -20,13 +20,12 @@ struct KeptBeam {
     range_m: f32,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 struct KeptScan {
     stamp: Instant,
     range_max_m: f32,
     robot_from_lrf: Pose2,
-    /// One past its last beam.
-    end: usize,
+    beams: Box<[KeptBeam]>,
 }
 
 /// A scan as it is saved: numbers from beam to beam, of which most are small.
@@ -43,29 +42,50 @@ struct SavedScan {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(into = "Vec<SavedScan>", from = "Vec<SavedScan>")]
 pub struct ScanStore {
-    beams: Vec<KeptBeam>,
     scans: Vec<KeptScan>,
+    /// Places of scans that were forgotten: the next ones come there.
+    free: Vec<u32>,
 }
 
 impl ScanStore {
-    /// Keeps a scan.
-    pub fn add(&mut self, sweep: &Sweep<'_>) {
-        for Beam { bearing_rad, echo, .. } in sweep.scan.beams.iter().map(sweep.middle_beam()) {
-            let range_m = match echo {
-                Echo::Hit(range_m) => range_m,
-                Echo::Miss => -1.0,
-                Echo::Invalid => continue,
-            };
-            self.beams.push(KeptBeam { bearing_rad, range_m });
-        }
+    /// Keeps a scan; returns its place, which is that of a [forgotten](Self::forget) one if there is any.
+    pub fn add(&mut self, sweep: &Sweep<'_>) -> u32 {
+        let kept = |Beam { bearing_rad, echo, .. }| match echo {
+            Echo::Hit(range_m) => Some(KeptBeam { bearing_rad, range_m }),
+            Echo::Miss => Some(KeptBeam { bearing_rad, range_m: -1.0 }),
+            Echo::Invalid => None,
+        };
+        let beams = sweep.scan.beams.iter().map(sweep.middle_beam()).filter_map(kept).collect();
         let RangeScan { stamp, range_max_m, .. } = sweep.scan;
-        let robot_from_lrf = sweep.robot_from_lrf;
-        self.scans.push(KeptScan { stamp, range_max_m, robot_from_lrf, end: self.beams.len() });
+        let scan = KeptScan { stamp, range_max_m, robot_from_lrf: sweep.robot_from_lrf, beams };
+        match self.free.pop() {
+            Some(place) => {
+                self.scans[place as usize] = scan;
+                place
+            }
+            None => {
+                self.scans.push(scan);
+                (self.scans.len() - 1) as u32
+            }
+        }
     }
 
-    /// Scans kept.
+    /// Lets a scan go. Nobody may name its place any more.
+    pub fn forget(&mut self, index: u32) {
+        if let Some(kept) = self.scans.get_mut(index as usize) {
+            kept.beams = Box::default();
+            self.free.push(index);
+        }
+    }
+
+    /// Places of scans, those of forgotten ones with them.
     pub fn len(&self) -> usize {
         self.scans.len()
+    }
+
+    /// Scans held.
+    pub fn kept(&self) -> usize {
+        self.scans.len() - self.free.len()
     }
 
     /// True if there is none.
@@ -75,7 +95,7 @@ impl ScanStore {
 
     /// Bytes of the beams held.
     pub fn memory_bytes(&self) -> usize {
-        self.beams.len() * size_of::<KeptBeam>()
+        self.scans.iter().map(|kept| kept.beams.len()).sum::<usize>() * size_of::<KeptBeam>()
     }
 
     /// Where the laser of scan `index` sits on the robot.
@@ -91,8 +111,7 @@ impl ScanStore {
     }
 
     fn beams_of(&self, index: usize) -> &[KeptBeam] {
-        let start = index.checked_sub(1).and_then(|before| self.scans.get(before)).map_or(0, |before| before.end);
-        self.scans.get(index).map_or(&[], |kept| &self.beams[start..kept.end])
+        self.scans.get(index).map_or(&[], |kept| &kept.beams)
     }
 
     /// Scan `index`, its beams written over `beams`; `None` past the last one.
@@ -111,8 +130,8 @@ impl ScanStore {
 
 impl From<ScanStore> for Vec<SavedScan> {
     fn from(store: ScanStore) -> Self {
-        let saved = |(index, kept): (usize, &KeptScan)| {
-            let beams = store.beams_of(index).iter();
+        let saved = |kept: &KeptScan| {
+            let beams = kept.beams.iter();
             SavedScan {
                 stamp: kept.stamp,
                 range_max_m: kept.range_max_m,
@@ -121,7 +140,7 @@ impl From<ScanStore> for Vec<SavedScan> {
                 range_steps: steps(beams.map(|beam| beam.range_m), RANGE_UNITS),
             }
         };
-        store.scans.iter().enumerate().map(saved).collect()
+        store.scans.iter().map(saved).collect()
     }
 }
 
@@ -131,8 +150,8 @@ impl From<Vec<SavedScan>> for ScanStore {
         for SavedScan { stamp, range_max_m, robot_from_lrf, bearing_steps, range_steps } in saved {
             let ranges = values(&range_steps, RANGE_UNITS);
             let beams = values(&bearing_steps, BEARING_UNITS).zip(ranges);
-            store.beams.extend(beams.map(|(bearing_rad, range_m)| KeptBeam { bearing_rad, range_m }));
-            store.scans.push(KeptScan { stamp, range_max_m, robot_from_lrf, end: store.beams.len() });
+            let beams = beams.map(|(bearing_rad, range_m)| KeptBeam { bearing_rad, range_m }).collect();
+            store.scans.push(KeptScan { stamp, range_max_m, robot_from_lrf, beams });
         }
         store
     }
@@ -195,12 +214,30 @@ mod tests {
         }
         let bytes = postcard::to_stdvec(&store).unwrap();
         let back: ScanStore = postcard::from_bytes(&bytes).unwrap();
-        assert_eq!((back.len(), &back.scans), (3, &store.scans));
-        for (beam, kept) in back.beams.iter().zip(&store.beams) {
+        assert_eq!(back.len(), 3);
+        let beams = |store: &ScanStore| store.scans.iter().flat_map(|kept| kept.beams.clone()).collect::<Vec<_>>();
+        for (beam, kept) in beams(&back).iter().zip(&beams(&store)) {
             let (range, bearing) = (beam.range_m - kept.range_m, beam.bearing_rad - kept.bearing_rad);
             assert!(range.abs() < 6e-5 && bearing.abs() < 6e-6, "{beam:?} {kept:?}");
             assert_eq!(beam.range_m < 0.0, kept.range_m < 0.0);
         }
         assert_eq!(postcard::to_stdvec(&back).unwrap(), bytes);
+    }
+
+    #[test]
+    fn places_of_forgotten_scans_are_used_again() {
+        let beam = Beam { bearing_rad: 0.1, offset: Duration::ZERO, echo: Echo::Hit(2.0) };
+        let mut store = ScanStore::default();
+        let add = |store: &mut ScanStore, micros| {
+            let scan = RangeScan { stamp: Instant::from_micros(micros), range_max_m: 8.0, beams: &[beam; 4] };
+            store.add(&Sweep::at_rest(scan, Pose2::IDENTITY))
+        };
+        assert_eq!([1, 2, 3].map(|micros| add(&mut store, micros)), [0, 1, 2]);
+        let bytes = store.memory_bytes();
+        store.forget(1);
+        assert_eq!((store.len(), store.kept(), store.memory_bytes()), (3, 2, bytes / 3 * 2));
+        assert_eq!((add(&mut store, 4), add(&mut store, 5)), (1, 3));
+        let stamps = (0..4).map(|index| store.sweep(index, &mut Vec::new()).unwrap().scan.stamp.micros);
+        assert_eq!(stamps.collect::<Vec<_>>(), [1, 4, 3, 5]);
     }
 }

@@ -1,6 +1,6 @@
 //! Scans in, poses, segments and the map out: what robots do between the laser and the link.
 
-use super::paging;
+use super::square;
 use crate::config::RobotConfig;
 use crate::wire::message::{PARTICLES_MAX, PathNode, ScanPose, Segment};
 use lrfslam_core::distributed_map::{DistributedMap, Window};
@@ -67,7 +67,7 @@ impl<'m> Mapping<'m> {
         let mut slam_config = config.slam;
         slam_config.particles.particles = slam_config.particles.particles.min(PARTICLES_MAX as u16);
         let mut slam = Slam::new(&slam_config, config.seed, memory)?;
-        paging::reserve(&mut slam, &slam_config);
+        square::reserve(&mut slam, &slam_config);
         let mut lineage = Lineage { ancestors: [0; PARTICLES_MAX], step: 0, told_step: 0, stamp: Instant::default() };
         lineage.close();
         Ok(Self { config: *config, slam, lineage, scans: 0 })

@@ -8,6 +8,7 @@ mod paging;
 mod pools;
 mod report;
 mod requests;
+mod square;
 mod sweep_report;
 
 pub use fit::Misfit;

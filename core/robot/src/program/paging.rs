@@ -25,7 +25,7 @@ mod returning;
 
 use self::leaving::Leaving;
 use self::returning::Returning;
-use super::mapping::Mapping;
+use super::square::{radius, tile_m};
 use crate::wire::message::TileUpdate;
 use crate::wire::session::{QueueFullError, Session};
 use lrfslam_core::distributed_map::{DistributedMap, Region, TilePlace};
@@ -36,10 +36,6 @@ use lrfslam_core::time::{Duration, Instant};
 
 /// From the scan at which a tile is sent or asked for to that at which it is gone or there.
 const ANSWER_TIME: Duration = Duration::from_millis(1000);
-/// Tiles about the robot beyond the reach of its beams: what particles are apart, and the way that it goes while the host answers.
-const MARGIN: i16 = 2;
-/// Tiles kept free for those that come back are two sides of the square, for a robot that drives at an angle to its sides, but no more than this.
-const KEPT_FREE_MAX: usize = 64;
 /// Without a host this share of all tiles may be outside of the square.
 const WAITING_SHARE: usize = 8;
 /// The square moves when the robot is so far from the middle of its central tile, tiles.
@@ -76,9 +72,8 @@ pub(super) struct Paging {
 
 impl Paging {
     /// For a map in which nothing was seen yet.
-    pub(super) fn of(mapping: &Mapping<'_>) -> Self {
-        let slam = mapping.slam();
-        Self::new(tile_m(slam), radius(&mapping.config().slam, tile_m(slam)))
+    pub(super) fn of(slam: &Slam<'_, TILE_SIDE>, config: &SlamConfig) -> Self {
+        Self::new(tile_m(slam), radius(config, tile_m(slam)))
     }
 
     /// For tiles with sides of `tile_m` m, `radius` of them to each side of the robot's.
@@ -162,30 +157,6 @@ impl Paging {
     pub(super) fn recalled(&mut self, region: &Region) {
         self.returning.recalled(region);
     }
-}
-
-/// Keeps tiles free for those that come back, whether or not any ever leaves: which particles find room is the same on every computer.
-pub(super) fn reserve(slam: &mut Slam<'_, TILE_SIDE>, config: &SlamConfig) {
-    let radius = radius(config, tile_m(slam));
-    let map = slam.map_mut();
-    map.keep_free(kept_free(radius, map.tiles_max()));
-}
-
-/// Of a pool of `tiles`, for a square that reaches `radius` tiles to each side.
-fn kept_free(radius: i16, tiles: usize) -> u16 {
-    let side = 2 * usize::from(radius.unsigned_abs()) + 1;
-    // A pool that is hardly larger than that still has room for a map.
-    (2 * side).min(KEPT_FREE_MAX).min(tiles / 4) as u16
-}
-
-/// Side of a tile, m.
-fn tile_m(slam: &Slam<'_, TILE_SIDE>) -> f32 {
-    TILE_SIDE as f32 * slam.filter().map().square_size_m()
-}
-
-/// Tiles from the central one to the edge of the square. The configuration bounds it: 200 m over tiles of 8 cm.
-fn radius(config: &SlamConfig, tile_m: f32) -> i16 {
-    floor(config.rays.range_max_m / tile_m) as i16 + 1 + MARGIN
 }
 
 /// True if no host takes anything.

@@ -101,7 +101,7 @@ impl Robot<'_> {
             Err(error) => return refused(error),
         };
         let laser = Laser::new(&config.laser, idle.telegram, idle.beams);
-        let paging = Paging::of(&mapping);
+        let paging = Paging::of(mapping.slam(), &mapping.config().slam);
         self.work = Work::Mapping(Running { laser, laser_deadline: NEVER, mapping, paging });
         if self.laser_connected {
             self.give_laser(now, LaserInput::Connected, ports);

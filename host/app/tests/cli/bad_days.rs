@@ -133,3 +133,30 @@ fn crowds_few_beams_and_slow_scans_cost_little() {
         assert!(error.rmse <= rmse_m, "{name}: {error:?}");
     }
 }
+
+/// A robot on its rounds: what is kept is bounded by the building, not by the way, and the map stays good.
+#[test]
+fn the_same_rounds_again_keep_no_more() {
+    let (scans, truth) = floor();
+    let lap: Vec<LogScan> = scans.into_iter().step_by(3).collect();
+    let laps = |count: usize| driven((0..count).flat_map(|_| lap.iter().cloned()));
+    let config = RunConfig::default();
+    let mut memory = RunMemory::new(&config.mapping(), 2);
+    let mut run = MapRun::new(&config.mapping(), 1, &mut memory).unwrap();
+    let mut kept = Vec::new();
+    for (at, scan) in laps(9).iter().enumerate() {
+        run.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or(Pose2::IDENTITY), None).unwrap();
+        if (at + 1) % lap.len() == 0 {
+            kept.push(run.high_counts().unwrap().scans_kept);
+        }
+    }
+    println!("scans kept after each lap: {kept:?}");
+    let [.., before, _, after] = kept[..] else { panic!("nine laps") };
+    assert!(after as f64 <= 1.1 * before as f64, "{kept:?}");
+    let of_last = |pose: &TimedPose| index(pose).checked_sub(8 * lap.len());
+    let poses = run.trusted_trajectory();
+    let last = poses.iter().filter_map(|pose| Some(TimedPose { stamp: lap[of_last(pose)?].stamp, ..*pose }));
+    let error = evaluate_truth(&last.collect::<Vec<_>>(), &truth, Duration::from_millis(50), 10.0).unwrap().absolute_m;
+    println!("last lap: RMSE {:.4} m, worst {:.3} m of {} poses", error.rmse, error.max, error.count);
+    assert!(error.rmse <= 0.07 && error.count > lap.len() * 9 / 10, "{error:?}");
+}

@@ -11,6 +11,7 @@
 //! # Frames
 //! `map` is the first pose. The low level's poses are taken relative to one another.
 
+mod known;
 mod particles;
 mod pieces;
 mod placing;
@@ -187,8 +188,7 @@ impl<'m> HighSlam<'m> {
             return None;
         }
         self.kept = Some(start_from_robot);
-        self.scans.add(sweep);
-        u32::try_from(self.scans.len() - 1).ok()
+        Some(self.scans.add(sweep))
     }
 
     /// Makes the open segment a node of the graph, and closes loops.
@@ -202,6 +202,7 @@ impl<'m> HighSlam<'m> {
             if self.close_loops(start) || is_joined {
                 self.solve();
             }
+            self.let_known_ground_go();
         }
         Ok(())
     }
@@ -249,7 +250,7 @@ impl<'m> HighSlam<'m> {
     /// What was done so far.
     pub fn counts(&self) -> HighCounts {
         let closures = self.graph.edges().iter().filter(|edge| edge.is_closure).count() as u64;
-        let (scans_kept, scan_bytes) = (self.scans.len() as u64, self.scans.memory_bytes() as u64);
+        let (scans_kept, scan_bytes) = (self.scans.kept() as u64, self.scans.memory_bytes() as u64);
         HighCounts { closures, scans_kept, scan_bytes, pieces_apart: self.pieces_apart(), ..self.counts }
     }
 }

@@ -156,7 +156,8 @@ impl HighSlam<'_> {
         let there = PoseF64::from(found.pose);
         let nodes = self.graph.nodes();
         let distance = |node: &usize| nodes[*node].between(there).distance_m();
-        let of_other = (0..nodes.len()).filter(|node| self.pieces.of_index(*node) == other);
+        let hung = self.hung_nodes();
+        let of_other = (0..nodes.len()).filter(|node| self.pieces.of_index(*node) == other && !hung.contains(node));
         let older = of_other.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
         let turned = Pose2::new(0.0, 0.0, -nodes[older].to_f32().heading);
         let weak_axis: Option<Point2> = found.weak_axis.map(|axis| turned.transform(axis));

@@ -35,17 +35,23 @@ const WINDOW_MAX_M: f32 = 15.0;
 /// … and this, degrees. Both chosen.
 const WINDOW_MAX_DEG: f32 = 25.0;
 /// The low level's map holds what is this certain as seen from the robot, m (one standard deviation) …
-const REFERENCE_SIGMA_M: f32 = 0.2;
+pub(super) const REFERENCE_SIGMA_M: f32 = 0.2;
+/// … until it is less certain than this: what is at the edge would come and go with every closure, m …
+const REFERENCE_LEAVES_M: f32 = 0.3;
 /// … and in any case the latest path of so much travel, m …
 const REFERENCE_TRAVEL_M: f32 = 20.0;
 /// … but nothing farther away than this, m …
 const REFERENCE_DISTANCE_M: f64 = 50.0;
 /// … and is made anew for what comes nearer than this share of that.
 const REFERENCE_NEW_SHARE: f64 = 0.6;
-/// Of this, scans this far apart, m …
+/// Of the latest path, scans this far apart, m …
 const REFERENCE_STEP_M: f32 = 0.05;
-/// … or so far turned, degrees. All chosen.
+/// … or so far turned, degrees; …
 const REFERENCE_STEP_DEG: f32 = 2.0;
+/// … of older path, which visits have crossed more than once, m …
+const REFERENCE_OLDER_STEP_M: f32 = 0.2;
+/// … and degrees. All chosen.
+const REFERENCE_OLDER_STEP_DEG: f32 = 8.0;
 /// Two places farther apart than this share too little to be compared, besides the window, m.
 const PLACES_APART_M: f64 = 8.0;
 /// The low level's map is made anew if one of its segments has moved so far, m …
@@ -128,7 +134,7 @@ impl HighSlam<'_> {
         self.scans_of_piece(self.main_piece(), apart)
     }
 
-    fn scans_of(&self, k: usize) -> impl Iterator<Item = (Pose2, u32)> {
+    pub(super) fn scans_of(&self, k: usize) -> impl Iterator<Item = (Pose2, u32)> {
         self.placed(k).filter_map(|(pose, of)| Some((pose.to_f32(), of.scan?)))
     }
 
@@ -163,12 +169,14 @@ impl HighSlam<'_> {
     /// Older nodes to be searched for `newer`, the nearest first, each apart from the others.
     pub(super) fn candidates(&self, newer: usize, reached: &[Option<Reach>]) -> Vec<(usize, Reach)> {
         let nodes = self.graph.nodes();
+        let hung = self.hung_nodes();
         let mut travel_m = 0.0;
         let mut near = Vec::new();
         for older in (0..newer).rev() {
             travel_m += self.segments[older].travel_m;
             let Some(reach) = reached[older]
                 .filter(|_| travel_m >= GAP_TRAVEL_M && self.pieces.of_index(older) == self.pieces.of_index(newer))
+                .filter(|_| !hung.contains(&older))
             else {
                 continue;
             };
@@ -221,10 +229,10 @@ impl HighSlam<'_> {
         let mut has_changed = false;
         let recent = *self.segments_about(last, REFERENCE_TRAVEL_M, 0.0).start();
         for k in 0..self.segments.len() {
-            let sigma_max = f64::from(REFERENCE_SIGMA_M);
+            let used = self.reference.pose(k);
+            let sigma_max = f64::from(if used.is_some() { REFERENCE_LEAVES_M } else { REFERENCE_SIGMA_M });
             let is_sure = k >= recent || reached[k].is_some_and(|reach| reach.position_m() <= sigma_max);
             let distance = nodes[node].between(nodes[k]).distance_m();
-            let used = self.reference.pose(k);
             if is_sure && distance <= REFERENCE_DISTANCE_M {
                 wanted[k] = Some(nodes[k]);
                 let is_new = used.is_none() && k < last && distance <= REFERENCE_NEW_SHARE * REFERENCE_DISTANCE_M;
@@ -241,8 +249,11 @@ impl HighSlam<'_> {
         }
         self.reference.segments = wanted;
         let (step_m, step_rad) = (REFERENCE_STEP_M, REFERENCE_STEP_DEG.to_radians());
-        let used = (0..=last).filter(|k| self.reference.pose(*k).is_some());
-        Some(apart(used.flat_map(|k| self.scans_of(k)), step_m, step_rad).collect())
+        let used = |k: &usize| self.reference.pose(*k).is_some();
+        let (older_m, older_rad) = (REFERENCE_OLDER_STEP_M, REFERENCE_OLDER_STEP_DEG.to_radians());
+        let old = apart((0..recent).filter(used).flat_map(|k| self.scans_of(k)), older_m, older_rad);
+        let new = apart((recent..=last).filter(used).flat_map(|k| self.scans_of(k)), step_m, step_rad);
+        Some(old.chain(new).collect())
     }
 }
 

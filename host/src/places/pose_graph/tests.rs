@@ -85,3 +85,47 @@ fn a_wrong_closure_is_found_out_by_two_right_ones() {
         assert_eq!(graph.edges()[40].to, 40);
     }
 }
+
+/// A way through nodes without closures is as well held by one edge: the others do not move, and what hangs moves with what it hangs on.
+#[test]
+fn nodes_that_hang_leave_the_solution_of_the_others_as_it_was() {
+    let (truth, mut whole) = drifted_square(3);
+    for (from, to) in [(0, 39), (2, 38), (10, 30)] {
+        whole.add_edge(closure(from, to, truth[from].between(truth[to])));
+    }
+    whole.solve();
+    let mut less = whole.clone();
+    for node in [15, 16, 17] {
+        assert!(less.hang(node, 10, information(0.05, 0.005)));
+    }
+    assert_eq!(less.edges().len(), whole.edges().len());
+    assert_eq!(less.edges().iter().filter(|edge| edge.is_hanging()).count(), 3);
+    let further = closure(5, 35, truth[5].between(truth[35]));
+    [&mut whole, &mut less].into_iter().for_each(|graph| {
+        graph.add_edge(further);
+        graph.solve();
+    });
+    for node in (0..=40).filter(|node| !(15..=17).contains(node)) {
+        let off = whole.nodes()[node].between(less.nodes()[node]);
+        assert!(off.distance_m() < 5e-3 && off.heading.abs() < 1e-3, "{node}: {off:?}");
+    }
+    let from_first = |graph: &PoseGraph| graph.nodes()[10].between(graph.nodes()[16]);
+    let before = from_first(&less);
+    let pulled = less.nodes()[10].then(PoseF64::new(0.3, -0.2, 0.05));
+    less.add_edge(Edge { information: information(1e-4, 1e-4), ..closure(0, 10, less.nodes()[0].between(pulled)) });
+    less.solve();
+    let (moved, off) = (less.nodes()[10].between(pulled), from_first(&less).between(before));
+    assert!(moved.distance_m() < 0.05, "{moved:?}");
+    assert!(off.distance_m() < 1e-9 && off.heading.abs() < 1e-9, "{off:?}");
+}
+
+#[test]
+fn what_is_no_plain_part_of_a_way_does_not_hang() {
+    let (_, mut graph) = drifted_square(3);
+    assert!(!graph.hang(0, 0, information(0.05, 0.005)), "the first node stays");
+    assert!(!graph.hang(40, 3, information(0.05, 0.005)), "nor the last one, which the way goes on from");
+    assert!(!graph.hang(5, 9, information(0.05, 0.005)), "nor on a newer node");
+    assert!(graph.hang(9, 5, information(0.05, 0.005)));
+    assert!(!graph.hang(9, 5, information(0.05, 0.005)), "nor twice");
+    assert!(!graph.hang(5, 2, information(0.05, 0.005)), "nor a node that another one hangs on");
+}

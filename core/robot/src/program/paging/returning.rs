@@ -5,7 +5,8 @@ use crate::wire::session::{QueueFullError, Session};
 use lrfslam_core::distributed_map::{DistributedMap, HeldTile, Region, Restored, Tile, TilePlace};
 use lrfslam_core::time::Instant;
 
-use super::{ANSWER_TIME, KEPT_FREE_MAX, TileCounts};
+use super::super::square::KEPT_FREE_MAX;
+use super::{ANSWER_TIME, TileCounts};
 use lrfslam_core::slam::TILE_SIDE;
 
 /// Requests that the host has not answered, or whose answer is not due.

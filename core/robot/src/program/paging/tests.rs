@@ -1,5 +1,6 @@
 use super::super::report::TILE_BYTES;
 use super::*;
+use crate::program::square::kept_free;
 use crate::wire::frame::MAX_FRAME;
 use crate::wire::message::{FromRobot, ToRobot};
 use crate::wire::session::{Received, SessionMemory};

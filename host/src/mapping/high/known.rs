@@ -1,0 +1,132 @@
+//! Known ground: where the robot drives through what it has mapped before, it does not map it again, so that time and memory are those of
+//! the area and not of the way.
+//!
+//! # Criterion
+//! A scan tells nothing new if it was taken within [`NEAR_M`] and [`NEAR_DEG`] of scans of [`VISITS`] earlier visits, whose places the graph
+//! is as sure of as the low level's map asks. A segment all of whose scans are such is known. Once it is a few segments old, the nodes between
+//! known segments leave the graph and [hang](crate::places::pose_graph::PoseGraph::hang) on the nearest node of an earlier visit; its closures go.
+//! A place of a plane and a direction holds no more than that many visits, so the graph is bounded by the area.
+//!
+//! # What changes in a building
+//! Known segments keep their scans until [`NEWER_VISITS`] later ones have come by: what is drawn is the first visits and the latest ones, and
+//! these have the majority.
+
+use std::collections::BTreeSet;
+
+use lrfslam_core::geometry::Pose2;
+use nalgebra::{Matrix3, Vector3};
+
+use super::placing::{REFERENCE_SIGMA_M, apart};
+use super::{HighSlam, WAITING_SEGMENTS};
+use crate::places::{Reach, reach_from};
+
+/// Two scans this near each other, m …
+const NEAR_M: f32 = 1.0;
+/// … and with headings so near, degrees, see the same: beams of a laser that looks to one side only. Both chosen.
+const NEAR_DEG: f32 = 45.0;
+/// Earlier visits that make a place known: one may have met a passer-by. Chosen.
+const VISITS: usize = 2;
+/// Later visits after which the scans of a known segment go: more than [`VISITS`], so that what stands now has the majority.
+const NEWER_VISITS: usize = 3;
+/// Segments this far apart along the way are different visits.
+const VISIT_SEGMENTS: usize = 3;
+/// Scans so far apart, m, or so far turned, rad, are asked about.
+const ASKED_APART: (f32, f32) = (0.25, 0.2);
+/// Segments whose starts are farther apart, m, share no place: each goes 4 m at most.
+const SEGMENTS_APART_M: f64 = 10.0;
+/// How surely a node lies where it hangs, m …
+const HANGING_SIGMA_M: f64 = 0.05;
+/// … and degrees: as a closure.
+const HANGING_SIGMA_DEG: f64 = 0.3;
+
+impl HighSlam<'_> {
+    /// After a segment was added: the one that has just become a few segments old goes from the graph if it is known.
+    pub(super) fn let_known_ground_go(&mut self) {
+        // Closures that wait for a second one name the segments after that.
+        let Some(segment) = self.segments.len().checked_sub(WAITING_SEGMENTS + 2).filter(|segment| *segment > 0) else {
+            return;
+        };
+        let reached = reach_from(&self.graph, segment);
+        let mapped = self.mapped_segments(segment, &reached);
+        if self.is_known(segment, &mapped, VISITS) && self.is_known(segment - 1, &mapped, VISITS) {
+            self.hang(segment, &mapped);
+            self.forget_scans(segment);
+        }
+    }
+
+    /// Older segments of the graph whose places are sure as seen from node `of`.
+    fn mapped_segments(&self, of: usize, reached: &[Option<Reach>]) -> Vec<usize> {
+        let hung = self.hung_nodes();
+        let is_mapped = |k: usize| !hung.contains(&k) && !hung.contains(&(k + 1));
+        let is_sure =
+            |k: usize| reached[k].is_some_and(|reach: Reach| reach.position_m() <= f64::from(REFERENCE_SIGMA_M));
+        (0..of.saturating_sub(VISIT_SEGMENTS)).filter(|&k| is_mapped(k) && is_sure(k)).collect()
+    }
+
+    /// Nodes that are not solved for.
+    pub(super) fn hung_nodes(&self) -> BTreeSet<usize> {
+        self.graph.edges().iter().filter(|edge| edge.is_hanging()).map(|edge| edge.from).collect()
+    }
+
+    /// True if every scan of the segment was taken where `visits` of `others` came by.
+    fn is_known(&self, segment: usize, others: &[usize], visits: usize) -> bool {
+        let nodes = self.graph.nodes();
+        let is_near = |k: usize| nodes[k].between(nodes[segment]).distance_m() <= SEGMENTS_APART_M;
+        let near: Vec<(usize, Vec<Pose2>)> = others
+            .iter()
+            .filter(|&&k| k.abs_diff(segment) >= VISIT_SEGMENTS && is_near(k))
+            .map(|&k| (k, self.asked(k)))
+            .collect();
+        self.asked(segment).iter().all(|scan| visits_of(scan, &near) >= visits)
+    }
+
+    /// Where some of a segment's scans were taken.
+    fn asked(&self, segment: usize) -> Vec<Pose2> {
+        let (step_m, step_rad) = ASKED_APART;
+        apart(self.scans_of(segment), step_m, step_rad).map(|(pose, _)| pose).collect()
+    }
+
+    fn hang(&mut self, node: usize, mapped: &[usize]) {
+        let nodes = self.graph.nodes();
+        let distance = |k: &usize| nodes[*k].between(nodes[node]).distance_m();
+        let Some(&on) = mapped.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))) else { return };
+        let (position, heading) = (HANGING_SIGMA_M.powi(-2), HANGING_SIGMA_DEG.to_radians().powi(-2));
+        self.graph.hang(node, on, Matrix3::from_diagonal(&Vector3::new(position, position, heading)));
+    }
+
+    /// Scans of older known segments go where newer visits than them have come by since.
+    fn forget_scans(&mut self, newer: usize) {
+        let hung = self.hung_nodes();
+        let nodes = self.graph.nodes();
+        let is_near = |k: &usize| nodes[*k].between(nodes[newer]).distance_m() <= SEGMENTS_APART_M;
+        let known = |k: &usize| hung.contains(k) && hung.contains(&(k + 1));
+        let seen: Vec<usize> = (0..newer).filter(|k| known(k) && is_near(k)).collect();
+        for segment in seen {
+            let later: Vec<usize> = (segment + 1..=newer).collect();
+            if self.is_known(segment, &later, NEWER_VISITS) {
+                let scans = self.segments[segment].poses.iter_mut().filter_map(|pose| pose.scan.take());
+                scans.for_each(|scan| self.scans.forget(scan));
+            }
+        }
+    }
+}
+
+/// Visits that came by a scan.
+///
+/// * `others` — segments in order, and where their scans were taken
+fn visits_of(scan: &Pose2, others: &[(usize, Vec<Pose2>)]) -> usize {
+    let is_near = |other: &Pose2| {
+        let step = scan.between(*other);
+        step.position().norm() <= NEAR_M && step.heading.abs() <= NEAR_DEG.to_radians()
+    };
+    let mut last: Option<usize> = None;
+    let mut visits = 0;
+    for (segment, poses) in others {
+        let is_another = last.is_none_or(|last| segment - last >= VISIT_SEGMENTS);
+        if is_another && poses.iter().any(is_near) {
+            last = Some(*segment);
+            visits += 1;
+        }
+    }
+    visits
+}
