@@ -94,6 +94,10 @@ struct Dialogue<'a> {
     /// The packet before, and when its successor must have begun.
     previous: Option<Capsule>,
     previous_end: Instant,
+    /// When it came.
+    packet_at: Instant,
+    /// From one packet to the next, degrees; 0 if it is not known.
+    span_deg: f32,
     /// The packets' beat, once it is found.
     beat: Option<BeatClock>,
     finder: BeatFinder,
@@ -112,6 +116,8 @@ impl<'a> RplidarDriver<'a> {
             awaits_descriptor: false,
             previous: None,
             previous_end: Instant::default(),
+            packet_at: Instant::default(),
+            span_deg: 0.0,
             beat: None,
             finder: BeatFinder::default(),
             unchecked: false,
@@ -132,9 +138,10 @@ impl<'a> RplidarDriver<'a> {
                 Some(DecoderEvent::Descriptor(kind)) => self.dialogue.on_descriptor(now, kind),
                 Some(DecoderEvent::Response(kind, bytes)) => self.dialogue.on_response(now, kind, bytes),
                 Some(DecoderEvent::Capsule(capsule)) => self.dialogue.on_capsule(now, capsule),
+                Some(DecoderEvent::Damage) => self.dialogue.on_damage(now),
                 None => {}
             }
-            self.after_input(now);
+            self.after_input();
             if !more && taken >= bytes.len() {
                 break;
             }
@@ -142,9 +149,8 @@ impl<'a> RplidarDriver<'a> {
         taken
     }
 
-    /// Takes over what the session wants of the decoder, and what the decoder found wrong.
-    fn after_input(&mut self, now: Instant) {
-        self.dialogue.count_damaged(now, self.decoder.damaged());
+    /// Takes over what the session wants of the decoder.
+    fn after_input(&mut self) {
         if core::mem::take(&mut self.dialogue.awaits_descriptor) {
             self.decoder.expect_descriptor();
         }
@@ -261,7 +267,7 @@ impl LrfDriver for RplidarDriver<'_> {
             return self.take(now, bytes);
         }
         self.dialogue.on_input(now, input);
-        self.after_input(now);
+        self.after_input();
         0
     }
 

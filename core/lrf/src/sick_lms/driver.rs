@@ -20,6 +20,7 @@ use super::scan::ScanLayout;
 use super::telegram::Direction;
 use crate::dialogue::{DialogueBase, ScanMemory, State};
 use crate::driver::{BaudPolicy, Counters, Input, LrfDriver, Output, Step};
+use crate::pace::PaceClock;
 use crate::session::{Question, Session};
 use lrfslam_scan::Beam;
 use lrfslam_scan::time::{Duration, Instant};
@@ -137,6 +138,12 @@ struct Dialogue<'a> {
     config: SickConfig,
     base: DialogueBase<Ask>,
     telegram_began: Instant,
+    /// Bytes wait behind the telegram: it was read late.
+    is_late: bool,
+    /// What is whole before then was under way when a telegram was read late.
+    late_until: Instant,
+    /// The sensor has no clock to read.
+    pace: PaceClock,
     /// Bytes since the last request.
     noise: u32,
     /// A scan came since the last request.
@@ -164,6 +171,9 @@ impl<'a> SickDriver<'a> {
             config,
             base: DialogueBase::default(),
             telegram_began: Instant::default(),
+            is_late: false,
+            late_until: Instant::default(),
+            pace: PaceClock::default(),
             noise: 0,
             heard_scan: false,
             variant: Variant::DEG_180_BY_1,
@@ -215,6 +225,7 @@ impl SickDriver<'_> {
             }
             let (count, event) = self.decoder.feed(rest);
             taken += count;
+            self.dialogue.is_late = taken < bytes.len();
             if count > 0 {
                 self.dialogue.on_bytes(now, count);
             }
