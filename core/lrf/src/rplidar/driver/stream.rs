@@ -2,8 +2,8 @@
 
 use super::{Ask, Dialogue, MAX_BAD, RANGE_MAX_M, SILENCE};
 use crate::beat::BeatClock;
-use crate::dialogue::State;
-use crate::rplidar::response::{Capsule, Measured, parse_sample};
+use crate::dialogue::{State, wire_time};
+use crate::rplidar::response::{CAPSULE, Capsule, Measured, parse_sample};
 use crate::turn::{Sample, sample_time};
 use lrfslam_scan::Echo;
 use lrfslam_scan::time::{Duration, Instant};
@@ -35,7 +35,8 @@ impl Dialogue<'_> {
             self.turns.forget();
             self.previous = None;
         }
-        let end = self.packet_end(now);
+        let left = Instant::from_micros(now.micros - wire_time(CAPSULE, self.base.baud).micros);
+        let end = self.packet_end(left);
         let pause = now.since(core::mem::replace(&mut self.packet_at, now));
         let previous = self.previous.replace(capsule.clone());
         if let Some(previous) = previous.filter(|previous| self.follows(previous, &capsule, pause)) {
@@ -43,7 +44,7 @@ impl Dialogue<'_> {
             let count = measured.len();
             let taken = end.since(self.previous_end).micros.clamp(0, 100_000);
             let each = Duration::from_micros(taken / count.max(1) as i64);
-            // When a packet arrives, its last sample is as old as it; the samples read now are those of the one before.
+            // When a packet leaves the sensor, its last sample is taken; the samples read now are those of the one before.
             let end = self.previous_end;
             let samples = measured.into_iter().enumerate();
             self.publish(samples.map(|(index, measured)| sample(measured, sample_time(end, index, count, each))));
@@ -65,13 +66,13 @@ impl Dialogue<'_> {
         fits
     }
 
-    /// When the last sample of the packet that came now was taken: packets have a beat, which is to be found first.
-    fn packet_end(&mut self, now: Instant) -> Instant {
+    /// When the last sample of the packet that left then was taken: packets have a beat, which is to be found first.
+    fn packet_end(&mut self, left: Instant) -> Instant {
         if let Some(beat) = &mut self.beat {
-            return beat.stamp(now, 1);
+            return beat.stamp(left, 1);
         }
-        self.beat = self.finder.hear(now).map(BeatClock::new);
-        now
+        self.beat = self.finder.hear(left).map(BeatClock::new);
+        left
     }
 
     /// A sample of the old mode, whose two check bits are right. What else can be checked: angles grow, turns start ahead.

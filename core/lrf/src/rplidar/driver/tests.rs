@@ -241,3 +241,23 @@ fn doubled_byte_that_the_sum_does_not_see_makes_no_wrong_beam() {
     };
     assert_eq!(turns_through(doubled), (31, 0));
 }
+
+/// 32 samples by 250 us, of which a packet takes 7.3 ms on a line of 115200 baud.
+#[test]
+fn stamps_are_the_samples_own_times_not_those_of_arrival() {
+    let mut beams = [Beam::BLANK; BEAM_MEMORY];
+    let mut desk = Desk::new(&mut beams);
+    to_streaming(&mut desk, ResponseKind::Capsule);
+    let began = desk.now.micros + 10_000;
+    for index in 0..200 {
+        desk.now = Instant::from_micros(began + (index * 32 + 31) * 250 + 84 * 10_000_000 / 115_200);
+        desk.give(Input::Bytes(capsule(false, index as usize).bytes()));
+    }
+    // Turns begin behind: at sample 200 of 400.
+    let late = (0..).zip(&desk.stamps).map(|(turn, stamp)| stamp.micros - began - (200 + turn * 400) * 250);
+    assert!(
+        desk.stamps.len() >= 14 && late.clone().all(|late: i64| late.abs() < 300),
+        "{:?}",
+        late.collect::<Vec<_>>()
+    );
+}
