@@ -58,22 +58,13 @@ enum Ask {
 impl Question for Ask {
     const STOP: Self = Ask::Stop;
 
-    fn step(self) -> Step {
+    fn told(self) -> (Step, &'static str) {
         match self {
-            Ask::Info => Step::Find,
-            Ask::Health => Step::Identify,
-            Ask::Express | Ask::Scan => Step::Start,
-            Ask::Stop => Step::Stream,
-        }
-    }
-
-    fn text(self) -> &'static str {
-        match self {
-            Ask::Info => "request 50 (information)",
-            Ask::Health => "request 52 (health)",
-            Ask::Express => "request 82 (express scan)",
-            Ask::Scan => "request 20 (scan)",
-            Ask::Stop => "request 25 (stop)",
+            Ask::Info => (Step::Find, "request 50 (information)"),
+            Ask::Health => (Step::Identify, "request 52 (health)"),
+            Ask::Express => (Step::Start, "request 82 (express scan)"),
+            Ask::Scan => (Step::Start, "request 20 (scan)"),
+            Ask::Stop => (Step::Stream, "request 25 (stop)"),
         }
     }
 }

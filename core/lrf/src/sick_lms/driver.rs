@@ -84,29 +84,21 @@ enum Ask {
 impl Question for Ask {
     const STOP: Self = Ask::Stop;
 
-    fn step(self) -> Step {
+    fn told(self) -> (Step, &'static str) {
         match self {
-            Ask::Quiet => Step::Find,
-            Ask::Type | Ask::Status | Ask::Config => Step::Identify,
-            Ask::Rate | Ask::VerifyRate => Step::RaiseBaud,
-            Ask::Variant | Ask::Install | Ask::SetConfig | Ask::LeaveInstall => Step::Configure,
-            Ask::StreamTurns | Ask::StreamAll => Step::Start,
-            Ask::Stop => Step::Stream,
-        }
-    }
-
-    fn text(self) -> &'static str {
-        match self {
-            Ask::Quiet | Ask::LeaveInstall | Ask::Stop => "telegram 20 25 (scans on request)",
-            Ask::Type => "telegram 3A (type)",
-            Ask::Status | Ask::VerifyRate => "telegram 31 (status)",
-            Ask::Config => "telegram 74 (configuration)",
-            Ask::Rate => "telegram 20 4x (baud rate)",
-            Ask::Variant => "telegram 3B (angle and resolution)",
-            Ask::Install => "telegram 20 00 (installation mode)",
-            Ask::SetConfig => "telegram 77 (new configuration)",
-            Ask::StreamTurns => "telegram 20 2A (stream mirror turns)",
-            Ask::StreamAll => "telegram 20 24 (stream scans)",
+            Ask::Quiet => (Step::Find, "telegram 20 25 (scans on request)"),
+            Ask::Type => (Step::Identify, "telegram 3A (type)"),
+            Ask::Status => (Step::Identify, "telegram 31 (status)"),
+            Ask::Config => (Step::Identify, "telegram 74 (configuration)"),
+            Ask::Rate => (Step::RaiseBaud, "telegram 20 4x (baud rate)"),
+            Ask::VerifyRate => (Step::RaiseBaud, "telegram 31 (status)"),
+            Ask::Variant => (Step::Configure, "telegram 3B (angle and resolution)"),
+            Ask::Install => (Step::Configure, "telegram 20 00 (installation mode)"),
+            Ask::SetConfig => (Step::Configure, "telegram 77 (new configuration)"),
+            Ask::LeaveInstall => (Step::Configure, "telegram 20 25 (scans on request)"),
+            Ask::StreamTurns => (Step::Start, "telegram 20 2A (stream mirror turns)"),
+            Ask::StreamAll => (Step::Start, "telegram 20 24 (stream scans)"),
+            Ask::Stop => (Step::Stream, "telegram 20 25 (scans on request)"),
         }
     }
 }
