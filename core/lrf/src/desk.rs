@@ -10,6 +10,8 @@ pub(super) struct Desk<D> {
     pub(super) driver: D,
     pub(super) now: Instant,
     pub(super) said: Vec<String>,
+    /// Of the scans so far.
+    pub(super) stamps: Vec<Instant>,
     deadline: Instant,
     describe: fn(Output<'_>) -> String,
 }
@@ -18,14 +20,19 @@ impl<D: LrfDriver> Desk<D> {
     /// A driver whose port has just been opened; `describe` says each output in words.
     pub(super) fn with(driver: D, describe: fn(Output<'_>) -> String) -> Self {
         let (now, deadline) = (Instant::default(), Instant::default());
-        let mut desk = Self { driver, now, said: Vec::new(), deadline, describe };
+        let mut desk = Self { driver, now, said: Vec::new(), stamps: Vec::new(), deadline, describe };
         desk.give(Input::Connected);
         desk
     }
 
     pub(super) fn give(&mut self, input: Input<'_>) {
-        let (said, describe) = (&mut self.said, self.describe);
-        let mut sink = |output: Output<'_>| said.push(describe(output));
+        let (said, stamps, describe) = (&mut self.said, &mut self.stamps, self.describe);
+        let mut sink = |output: Output<'_>| {
+            if let Output::Event(Event::Scan(scan)) = output {
+                stamps.push(scan.stamp);
+            }
+            said.push(describe(output));
+        };
         self.deadline = run_input(&mut self.driver, self.now, input, &mut sink);
     }
 

@@ -7,6 +7,9 @@ use super::trouble::{BaudRates, Cause, Step, Trouble};
 use lrfslam_scan::time::{Duration, Instant};
 use lrfslam_scan::{Beam, RangeScan};
 
+/// Damaged scans in a row after which a session begins anew, where each is a message of its own.
+pub(super) const MAX_BAD: u8 = 8;
+
 /// Where a session is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum State<Ask> {
@@ -35,6 +38,8 @@ pub(super) struct DialogueBase<Ask> {
     pub(super) bad_in_a_row: u8,
     pub(super) damaged_before: u32,
     pub(super) identity: Identity,
+    /// Of the last scan.
+    pub(super) stamp: Option<Instant>,
     pub(super) rates: BaudRates,
     pub(super) rate_index: usize,
     pub(super) baud: u32,
@@ -56,8 +61,16 @@ impl<Ask: Copy + PartialEq> DialogueBase<Ask> {
             Pending::Streaming(baud, period) => Event::Streaming { baud, period },
             Pending::Trouble(trouble) => Event::Trouble(trouble),
             Pending::Stopped(laser_off) => Event::Stopped { laser_off },
-            Pending::Scan => Event::Scan(scan()),
+            Pending::Scan => Event::Scan(self.in_order(scan())),
         })
+    }
+
+    /// Whatever was estimated anew between two scans: none is at or before the last.
+    fn in_order<'a>(&mut self, scan: RangeScan<'a>) -> RangeScan<'a> {
+        let after = |last: Instant| Instant::from_micros(last.micros.saturating_add(1));
+        let stamp = self.stamp.map_or(scan.stamp, |last| scan.stamp.max(after(last)));
+        self.stamp = Some(stamp);
+        RangeScan { stamp, ..scan }
     }
 
     /// Counters, with `damaged` that the decoder has found, and turns that are `incomplete`.
@@ -104,6 +117,12 @@ impl<Ask: Copy + PartialEq> DialogueBase<Ask> {
         self.bad_in_a_row = 0;
         self.outbox.push(Pending::Streaming(baud, period));
         self.wait(now, wait);
+    }
+
+    /// A scan is whole; the next is to come within this `period`, or not much later.
+    pub(super) fn publish(&mut self, now: Instant, period: Duration) {
+        self.announce_scan();
+        self.wait(now, scan_wait(period, Duration::from_millis(500)));
     }
 
     /// A scan is whole.
@@ -312,6 +331,13 @@ impl Patience {
 /// How long to wait for a scan that comes every `period`: three may be damaged before it is called silence.
 pub(super) fn scan_wait(period: Duration, allowance: Duration) -> Duration {
     Duration::from_micros(4 * period.micros + allowance.micros)
+}
+
+/// When the first byte of a message of so many `bytes` left the sensor, of which one was first heard at `heard`, and the last `now`.
+///
+/// Both guesses are no earlier than the truth: reading late makes the first late, reading in pieces the second.
+pub(super) fn departure(heard: Instant, now: Instant, bytes: usize, baud: u32) -> Instant {
+    heard.min(Instant::from_micros(now.micros - wire_time(bytes, baud).micros))
 }
 
 /// Time that `bytes` take on a line of `baud`, 10 bits a byte; nothing on links without a rate.

@@ -3,7 +3,8 @@
 //! # Contract
 //! Give one input, then drain [`poll_output`](LrfDriver::poll_output) until it answers [`Output::Timeout`]; only then the
 //! next input. [`Input::Bytes`] may be taken in part: drain, then give the rest ([`run_input`] does all of this). Extra calls do
-//! no harm. A driver never blocks, reads no clock and keeps no thread: the same inputs at the same instants give the same
+//! no harm. Give all bytes that wait at once, as far as memory goes: that some wait behind a scan shows that it was read late. No scan is
+//! stamped at or before the one before it. A driver never blocks, reads no clock and keeps no thread: the same inputs at the same instants give the same
 //! outputs, so a recording of the inputs replays exactly.
 
 pub use super::trouble::{BaudRates, Cause, MAX_BAUD_RATES, Step, Trouble};

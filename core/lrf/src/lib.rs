@@ -34,6 +34,7 @@ mod dialogue;
 pub mod driver;
 pub mod hokuyo_scip;
 pub mod ldrobot;
+pub mod pace;
 pub mod rplidar;
 mod session;
 pub mod sick_lms;

@@ -16,11 +16,18 @@ pub(super) trait Question: Copy + PartialEq + Default {
     /// Switches the laser off.
     const STOP: Self;
 
-    /// The step of the session that fails without an answer.
-    fn step(self) -> Step;
+    /// The step of the session that fails without an answer, and what is sent, as text for people.
+    fn told(self) -> (Step, &'static str);
 
-    /// What is sent, as text for people.
-    fn text(self) -> &'static str;
+    /// The step alone.
+    fn step(self) -> Step {
+        self.told().0
+    }
+
+    /// The text alone.
+    fn text(self) -> &'static str {
+        self.told().1
+    }
 }
 
 /// A session with a sensor of one family.

@@ -116,6 +116,21 @@ fn every_model_streams_what_its_line_allows_and_loses_nothing() {
 }
 
 #[test]
+fn urg_on_usb_sends_every_turn() {
+    let mut memory = Memory::new();
+    let config = HokuyoConfig { baud: BaudPolicy::AtLeast(115_200), ..HokuyoConfig::default() };
+    let device = Box::new(hokuyo(HokuyoModel::urg_04lx_usb()));
+    let mut rig = Rig::new(memory.hokuyo(config), device, |write| oracle::hokuyo(write, false));
+    rig.time_to_scan(Duration::from_micros(20 * SECOND)).expect("a scan within 20 s");
+    let before = rig.report.published;
+    rig.run_for(Duration::from_micros(60 * SECOND));
+    assert!((599..=601).contains(&(rig.report.published - before)), "{}", rig.report.published - before);
+    assert!(
+        rig.report.events.iter().any(|said| said.contains("Streaming { baud: 0, period: Duration { micros: 100000 }"))
+    );
+}
+
+#[test]
 fn half_degree_scans_come_by_turns_or_whole() {
     for each_turn in [true, false] {
         let mut memory = Memory::new();
@@ -159,9 +174,11 @@ fn sick_is_found_in_any_state_and_at_any_rate() {
 
 #[test]
 fn hokuyo_is_found_in_any_state_and_at_any_rate() {
-    for (model, rates) in
-        [(HokuyoModel::urg_04lx(), &[19_200, 57_600, 115_200, 750_000][..]), (HokuyoModel::utm_30lx(), &[0])]
-    {
+    for (model, rates, is_utm) in [
+        (HokuyoModel::urg_04lx(), &[19_200, 57_600, 115_200, 750_000][..], false),
+        (HokuyoModel::urg_04lx_usb(), &[19_200], false),
+        (HokuyoModel::utm_30lx(), &[0], true),
+    ] {
         for baud in rates {
             for left_behind in [
                 "",
@@ -183,7 +200,6 @@ fn hokuyo_is_found_in_any_state_and_at_any_rate() {
                     device.timeout(now);
                     while device.poll().is_some() {}
                 }
-                let is_utm = *baud == 0;
                 let mut memory = Memory::new();
                 let oracle = if is_utm {
                     |write: &[u8]| oracle::hokuyo(write, true)

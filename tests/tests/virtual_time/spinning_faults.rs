@@ -1,6 +1,6 @@
 //! Lasers that spin, on a virtual clock, under faults: no beam that comes out is wrong, but where nothing can be checked.
 //!
-//! The long run: `cargo test -p lrfslam-tests --test virtual_time spinning_faults -- --ignored --nocapture`
+//! The table of docs/lasers.md: `cargo test -p lrfslam-tests --test virtual_time spinning_faults -- --nocapture`
 
 use lrfslam_core::scan::Beam;
 use lrfslam_core::time::Duration;
@@ -72,17 +72,22 @@ fn all_faults(seconds: i64) {
                 assert!(published >= per_second * (seconds - 5), "{model:?}: {published}");
                 assert_eq!((report.damaged, counters.incomplete, counters.damaged), (0, 0, 0), "{model:?}");
             }
-            // Distances of the old mode have no sum.
-            if model != Model::RplidarA1Old {
-                assert_eq!(report.damaged, 0, "{model:?}");
-            }
-            assert!(published > seconds / 4, "{model:?}: {published} {:?}", report.events);
+            // Distances of the old mode have no sum: a damaged one cannot be seen. Its groups of eight samples are a write each, 250 a second.
+            let (wrong, least) = match model {
+                Model::RplidarA1Old => (published / 5 + 5, if damage < 0.1 { seconds } else { 0 }),
+                _ => (0, seconds),
+            };
+            assert!(
+                i64::from(report.damaged) <= wrong,
+                "{model:?} at {damage}: {} wrong of {published}",
+                report.damaged
+            );
+            assert!(published >= least, "{model:?} at {damage}: {published} {:?}", report.events);
         }
     }
 }
 
 #[test]
-#[ignore = "fails: an RPLIDAR packet lost without a trace still makes wrong beams"]
 fn spinning_lasers_survive_faults_and_no_wrong_beam_comes_out() {
     all_faults(60);
 }

@@ -78,30 +78,22 @@ enum Ask {
 impl Question for Ask {
     const STOP: Self = Ask::Stop;
 
-    fn step(self) -> Step {
+    fn told(self) -> (Step, &'static str) {
         match self {
-            Ask::Quit | Ask::SwitchToScip2 | Ask::LeaveTime => Step::Find,
-            Ask::Version | Ask::Parameters | Ask::Information => Step::Identify,
-            Ask::Rate | Ask::VerifyRate => Step::RaiseBaud,
-            Ask::EnterTime | Ask::ReadTime | Ask::EndTime => Step::Configure,
-            Ask::LaserOn | Ask::Stream => Step::Start,
-            Ask::Stop => Step::Stream,
-        }
-    }
-
-    fn text(self) -> &'static str {
-        match self {
-            Ask::Quit | Ask::Stop => "QT",
-            Ask::SwitchToScip2 => "SCIP2.0",
-            Ask::LeaveTime | Ask::EndTime => "TM2",
-            Ask::Version | Ask::VerifyRate => "VV",
-            Ask::Parameters => "PP",
-            Ask::Information => "II",
-            Ask::Rate => "SS",
-            Ask::EnterTime => "TM0",
-            Ask::ReadTime => "TM1",
-            Ask::LaserOn => "BM",
-            Ask::Stream => "the command for scans",
+            Ask::Quit => (Step::Find, "QT"),
+            Ask::SwitchToScip2 => (Step::Find, "SCIP2.0"),
+            Ask::LeaveTime => (Step::Find, "TM2"),
+            Ask::Version => (Step::Identify, "VV"),
+            Ask::Parameters => (Step::Identify, "PP"),
+            Ask::Information => (Step::Identify, "II"),
+            Ask::Rate => (Step::RaiseBaud, "SS"),
+            Ask::VerifyRate => (Step::RaiseBaud, "VV"),
+            Ask::EnterTime => (Step::Configure, "TM0"),
+            Ask::ReadTime => (Step::Configure, "TM1"),
+            Ask::EndTime => (Step::Configure, "TM2"),
+            Ask::LaserOn => (Step::Start, "BM"),
+            Ask::Stream => (Step::Start, "the command for scans"),
+            Ask::Stop => (Step::Stream, "QT"),
         }
     }
 }

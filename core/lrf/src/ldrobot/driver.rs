@@ -2,7 +2,7 @@
 
 use super::packet::{POINTS, Packet, PacketDecoder, STAMP_PERIOD_MS};
 use crate::clock::{ClockOffset, Stamp, StampUnwrapper};
-use crate::dialogue::{DialogueBase, Pending, State, wire_time};
+use crate::dialogue::{DialogueBase, Pending, State, departure};
 use crate::driver::{BaudRates, Cause, Counters, Identity, Input, LrfDriver, Output, Step};
 use crate::turn::{Sample, TurnAssembler, sample_time};
 use lrfslam_scan::time::{Duration, Instant};
@@ -97,8 +97,8 @@ impl<'a> LdrobotDriver<'a> {
         }
         self.last_ms = stamp_ms;
         self.base.wait(now, SILENCE);
-        let first_byte = Instant::from_micros(now.micros - wire_time(super::packet::PACKET, BAUD).micros);
-        let end = self.offset.stamp(self.packet_began.min(first_byte), stamp_ms, Duration::ZERO);
+        let left = departure(self.packet_began, now, super::packet::PACKET, BAUD);
+        let end = self.offset.stamp(left, stamp_ms, Duration::ZERO);
         let each = each_sample(packet);
         let samples = packet.points.iter().enumerate().map(|(index, point)| Sample {
             clockwise_deg: packet.angle_deg(index),

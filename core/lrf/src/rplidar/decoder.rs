@@ -11,6 +11,8 @@ pub enum DecoderEvent<'a> {
     Response(ResponseKind, &'a [u8]),
     /// An express packet whose sum is right.
     Capsule(Capsule),
+    /// What came behind the last response is none: something there was damaged or lost. Said before what comes after it.
+    Damage,
 }
 
 /// Finds descriptors, then responses; after damage it goes on one byte further.
@@ -58,8 +60,11 @@ impl RplidarDecoder {
                             };
                             return (taken, Some(event));
                         }
-                        self.damaged = self.damaged.saturating_add(u32::from(!self.lost));
-                        self.lost = true;
+                        if !core::mem::replace(&mut self.lost, true) {
+                            self.damaged = self.damaged.saturating_add(1);
+                            self.used = 1;
+                            return (taken, Some(DecoderEvent::Damage));
+                        }
                     }
                 }
                 self.drop_front(1);

@@ -58,22 +58,13 @@ enum Ask {
 impl Question for Ask {
     const STOP: Self = Ask::Stop;
 
-    fn step(self) -> Step {
+    fn told(self) -> (Step, &'static str) {
         match self {
-            Ask::Info => Step::Find,
-            Ask::Health => Step::Identify,
-            Ask::Express | Ask::Scan => Step::Start,
-            Ask::Stop => Step::Stream,
-        }
-    }
-
-    fn text(self) -> &'static str {
-        match self {
-            Ask::Info => "request 50 (information)",
-            Ask::Health => "request 52 (health)",
-            Ask::Express => "request 82 (express scan)",
-            Ask::Scan => "request 20 (scan)",
-            Ask::Stop => "request 25 (stop)",
+            Ask::Info => (Step::Find, "request 50 (information)"),
+            Ask::Health => (Step::Identify, "request 52 (health)"),
+            Ask::Express => (Step::Start, "request 82 (express scan)"),
+            Ask::Scan => (Step::Start, "request 20 (scan)"),
+            Ask::Stop => (Step::Stream, "request 25 (stop)"),
         }
     }
 }
@@ -94,6 +85,10 @@ struct Dialogue<'a> {
     /// The packet before, and when its successor must have begun.
     previous: Option<Capsule>,
     previous_end: Instant,
+    /// When it came.
+    packet_at: Instant,
+    /// From one packet to the next, degrees; 0 if it is not known.
+    span_deg: f32,
     /// The packets' beat, once it is found.
     beat: Option<BeatClock>,
     finder: BeatFinder,
@@ -112,6 +107,8 @@ impl<'a> RplidarDriver<'a> {
             awaits_descriptor: false,
             previous: None,
             previous_end: Instant::default(),
+            packet_at: Instant::default(),
+            span_deg: 0.0,
             beat: None,
             finder: BeatFinder::default(),
             unchecked: false,
@@ -132,9 +129,10 @@ impl<'a> RplidarDriver<'a> {
                 Some(DecoderEvent::Descriptor(kind)) => self.dialogue.on_descriptor(now, kind),
                 Some(DecoderEvent::Response(kind, bytes)) => self.dialogue.on_response(now, kind, bytes),
                 Some(DecoderEvent::Capsule(capsule)) => self.dialogue.on_capsule(now, capsule),
+                Some(DecoderEvent::Damage) => self.dialogue.on_damage(now),
                 None => {}
             }
-            self.after_input(now);
+            self.after_input();
             if !more && taken >= bytes.len() {
                 break;
             }
@@ -142,9 +140,8 @@ impl<'a> RplidarDriver<'a> {
         taken
     }
 
-    /// Takes over what the session wants of the decoder, and what the decoder found wrong.
-    fn after_input(&mut self, now: Instant) {
-        self.dialogue.count_damaged(now, self.decoder.damaged());
+    /// Takes over what the session wants of the decoder.
+    fn after_input(&mut self) {
         if core::mem::take(&mut self.dialogue.awaits_descriptor) {
             self.decoder.expect_descriptor();
         }
@@ -261,7 +258,7 @@ impl LrfDriver for RplidarDriver<'_> {
             return self.take(now, bytes);
         }
         self.dialogue.on_input(now, input);
-        self.after_input(now);
+        self.after_input();
         0
     }
 

@@ -20,6 +20,7 @@ use super::scan::ScanLayout;
 use super::telegram::Direction;
 use crate::dialogue::{DialogueBase, ScanMemory, State};
 use crate::driver::{BaudPolicy, Counters, Input, LrfDriver, Output, Step};
+use crate::pace::PaceClock;
 use crate::session::{Question, Session};
 use lrfslam_scan::Beam;
 use lrfslam_scan::time::{Duration, Instant};
@@ -83,29 +84,21 @@ enum Ask {
 impl Question for Ask {
     const STOP: Self = Ask::Stop;
 
-    fn step(self) -> Step {
+    fn told(self) -> (Step, &'static str) {
         match self {
-            Ask::Quiet => Step::Find,
-            Ask::Type | Ask::Status | Ask::Config => Step::Identify,
-            Ask::Rate | Ask::VerifyRate => Step::RaiseBaud,
-            Ask::Variant | Ask::Install | Ask::SetConfig | Ask::LeaveInstall => Step::Configure,
-            Ask::StreamTurns | Ask::StreamAll => Step::Start,
-            Ask::Stop => Step::Stream,
-        }
-    }
-
-    fn text(self) -> &'static str {
-        match self {
-            Ask::Quiet | Ask::LeaveInstall | Ask::Stop => "telegram 20 25 (scans on request)",
-            Ask::Type => "telegram 3A (type)",
-            Ask::Status | Ask::VerifyRate => "telegram 31 (status)",
-            Ask::Config => "telegram 74 (configuration)",
-            Ask::Rate => "telegram 20 4x (baud rate)",
-            Ask::Variant => "telegram 3B (angle and resolution)",
-            Ask::Install => "telegram 20 00 (installation mode)",
-            Ask::SetConfig => "telegram 77 (new configuration)",
-            Ask::StreamTurns => "telegram 20 2A (stream mirror turns)",
-            Ask::StreamAll => "telegram 20 24 (stream scans)",
+            Ask::Quiet => (Step::Find, "telegram 20 25 (scans on request)"),
+            Ask::Type => (Step::Identify, "telegram 3A (type)"),
+            Ask::Status => (Step::Identify, "telegram 31 (status)"),
+            Ask::Config => (Step::Identify, "telegram 74 (configuration)"),
+            Ask::Rate => (Step::RaiseBaud, "telegram 20 4x (baud rate)"),
+            Ask::VerifyRate => (Step::RaiseBaud, "telegram 31 (status)"),
+            Ask::Variant => (Step::Configure, "telegram 3B (angle and resolution)"),
+            Ask::Install => (Step::Configure, "telegram 20 00 (installation mode)"),
+            Ask::SetConfig => (Step::Configure, "telegram 77 (new configuration)"),
+            Ask::LeaveInstall => (Step::Configure, "telegram 20 25 (scans on request)"),
+            Ask::StreamTurns => (Step::Start, "telegram 20 2A (stream mirror turns)"),
+            Ask::StreamAll => (Step::Start, "telegram 20 24 (stream scans)"),
+            Ask::Stop => (Step::Stream, "telegram 20 25 (scans on request)"),
         }
     }
 }
@@ -137,6 +130,12 @@ struct Dialogue<'a> {
     config: SickConfig,
     base: DialogueBase<Ask>,
     telegram_began: Instant,
+    /// Bytes wait behind the telegram: it was read late.
+    is_late: bool,
+    /// What is whole before then was under way when a telegram was read late.
+    late_until: Instant,
+    /// The sensor has no clock to read.
+    pace: PaceClock,
     /// Bytes since the last request.
     noise: u32,
     /// A scan came since the last request.
@@ -164,6 +163,9 @@ impl<'a> SickDriver<'a> {
             config,
             base: DialogueBase::default(),
             telegram_began: Instant::default(),
+            is_late: false,
+            late_until: Instant::default(),
+            pace: PaceClock::default(),
             noise: 0,
             heard_scan: false,
             variant: Variant::DEG_180_BY_1,
@@ -215,6 +217,7 @@ impl SickDriver<'_> {
             }
             let (count, event) = self.decoder.feed(rest);
             taken += count;
+            self.dialogue.is_late = taken < bytes.len();
             if count > 0 {
                 self.dialogue.on_bytes(now, count);
             }

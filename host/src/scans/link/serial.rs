@@ -51,13 +51,27 @@ fn in_words(error: &io::Error) -> String {
     }
 }
 
+impl SerialLink {
+    /// Puts what waits behind the `count` bytes that are in `buffer` there, too: a terminal hands over a write at a time.
+    fn fill(&mut self, buffer: &mut [u8], mut count: usize) -> io::Result<usize> {
+        while count < buffer.len() && self.port.bytes_to_read().is_ok_and(|waiting| waiting > 0) {
+            match self.port.read(&mut buffer[count..]) {
+                Ok(more) if more > 0 => count += more,
+                // What is wrong with the port shows at the next read.
+                _ => break,
+            }
+        }
+        Ok(count)
+    }
+}
+
 impl Link for SerialLink {
     fn receive(&mut self, buffer: &mut [u8], wait: Duration) -> io::Result<usize> {
         self.port.set_timeout(wait.max(Duration::from_millis(1)))?;
         match self.port.read(buffer) {
             // A port that is ready and has nothing is one whose far end is gone.
             Ok(0) => Err(ErrorKind::BrokenPipe.into()),
-            Ok(count) => Ok(count),
+            Ok(count) => self.fill(buffer, count),
             Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => Ok(0),
             Err(error) => Err(error),
         }

@@ -177,7 +177,7 @@ impl Dialogue<'_> {
         for line in reply.info() {
             match line.key {
                 "STAT" => self.base.identity.state = cut(line.value),
-                "SBPS" => self.is_usb = line.value.contains("USB"),
+                "SBPS" => self.is_usb = line.value.contains("USB") || says_slower(line.value, self.base.baud),
                 _ => {}
             }
         }
@@ -214,4 +214,10 @@ impl Dialogue<'_> {
         let done = self.offset.exchanges() >= MAX_EXCHANGES;
         self.ask(now, if done { Ask::EndTime } else { Ask::ReadTime });
     }
+}
+
+/// A URG-04LX that names a slower rate than that at which it is heard is plugged in by its USB port, where rates mean nothing.
+fn says_slower(said: &str, heard_at: u32) -> bool {
+    let end = said.find(|character: char| !character.is_ascii_digit()).unwrap_or(said.len());
+    said.get(..end).and_then(|digits| digits.parse::<u32>().ok()).is_some_and(|rate| rate < heard_at)
 }

@@ -2,14 +2,12 @@
 
 use super::{Ask, Dialogue};
 use crate::clock::Stamp;
-use crate::dialogue::{State, scan_wait, wire_time};
+use crate::dialogue::{MAX_BAD, State, departure, scan_wait, wire_time};
 use crate::driver::{Cause, Step};
 use crate::hokuyo_scip::reply::{BLOCK, Reply, Status};
 use crate::hokuyo_scip::scan::read_scan;
 use lrfslam_scan::time::{Duration, Instant};
 
-/// Damaged scans in a row after which the session begins anew.
-const MAX_BAD: u8 = 8;
 /// Characters of an `Mx` echo whose last two count down.
 const STREAM_ECHO: usize = 15;
 
@@ -46,13 +44,11 @@ impl Dialogue<'_> {
             Stamp::Reset => return self.base.lose(now, Cause::Reset),
             Stamp::Stuck => return self.base.lose(now, Cause::StuckClock),
         };
-        // Both are no earlier than the truth: reading late makes the first late, reading in pieces the second.
-        let first_byte = Instant::from_micros(now.micros - wire_time(self.scan_bytes(), self.line_baud()).micros);
-        let stamp = self.offset.stamp(self.frame_began.min(first_byte), stamp_ms, transit);
+        let left = departure(self.frame_began, now, self.scan_bytes(), self.line_baud());
+        let stamp = self.offset.stamp(left, stamp_ms, transit);
         let stamp = Instant::from_micros(stamp.micros - self.config.latency.micros);
         self.memory.keep(header.beams, stamp, self.base.identity.range_max_m);
-        self.base.announce_scan();
-        self.base.wait(now, scan_wait(self.scan_period(), Duration::from_millis(500)));
+        self.base.publish(now, self.scan_period());
     }
 
     fn refuse(&mut self, now: Instant) {

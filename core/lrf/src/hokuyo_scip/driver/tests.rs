@@ -197,3 +197,25 @@ fn rate_that_no_sensor_has_is_told_and_not_asked_for() {
     let said = "changing the baud rate: it does not have 9600 baud; the rate stays as it is";
     assert_eq!((heard[1].as_str(), heard[2].as_str()), (said, "|TM0|"), "{heard:?}");
 }
+
+/// It names the rate of a port that is not in use.
+#[test]
+fn urg_on_usb_is_known_by_the_rate_it_names() {
+    for (named, streaming) in [
+        ("19200[bps]<-Default setting by user;A", "Streaming { baud: 0, period: Duration { micros: 100000 } }"),
+        ("115200[bps];M", "Streaming { baud: 115200, period: Duration { micros: 200000 } }"),
+    ] {
+        let (mut frame, mut beams) = ([0; 2300], [Beam::BLANK; 682]);
+        let config = HokuyoConfig { baud: BaudPolicy::AtLeast(115_200), ..HokuyoConfig::default() };
+        let mut desk = Desk::new(config, &mut frame, &mut beams);
+        desk.wait();
+        desk.reply("QT\n00P\n\n");
+        desk.reply(VERSION);
+        desk.reply(PARAMETERS);
+        desk.reply(&std::format!("II\n00P\nSBPS:{named}\nSTAT:well;8\n\n"));
+        desk.reply("TM0\n04T\n\n");
+        desk.reply("BM\n00P\n\n");
+        desk.reply("MD0044072501000\n00P\n\n");
+        assert_eq!(desk.heard().last().unwrap(), streaming, "{named}");
+    }
+}

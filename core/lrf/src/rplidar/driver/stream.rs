@@ -2,8 +2,8 @@
 
 use super::{Ask, Dialogue, MAX_BAD, RANGE_MAX_M, SILENCE};
 use crate::beat::BeatClock;
-use crate::dialogue::State;
-use crate::rplidar::response::{Capsule, Measured, parse_sample};
+use crate::dialogue::{State, wire_time};
+use crate::rplidar::response::{CAPSULE, Capsule, Measured, parse_sample};
 use crate::turn::{Sample, sample_time};
 use lrfslam_scan::Echo;
 use lrfslam_scan::time::{Duration, Instant};
@@ -20,6 +20,7 @@ impl Dialogue<'_> {
         self.beat = None;
         self.finder = Default::default();
         self.last_sample_deg = None;
+        self.span_deg = 0.0;
         self.base.begin_streaming(now, self.base.baud, self.base.identity.turn, wait);
     }
 
@@ -34,29 +35,44 @@ impl Dialogue<'_> {
             self.turns.forget();
             self.previous = None;
         }
-        let end = self.packet_end(now);
-        if let Some(previous) = self.previous.replace(capsule.clone()) {
+        let left = Instant::from_micros(now.micros - wire_time(CAPSULE, self.base.baud).micros);
+        let end = self.packet_end(left);
+        let pause = now.since(core::mem::replace(&mut self.packet_at, now));
+        let previous = self.previous.replace(capsule.clone());
+        if let Some(previous) = previous.filter(|previous| self.follows(previous, &capsule, pause)) {
             let measured = previous.samples(&capsule);
             let count = measured.len();
             let taken = end.since(self.previous_end).micros.clamp(0, 100_000);
             let each = Duration::from_micros(taken / count.max(1) as i64);
-            // When a packet arrives, its last sample is as old as it; the samples read now are those of the one before.
+            // When a packet leaves the sensor, its last sample is taken; the samples read now are those of the one before.
             let end = self.previous_end;
             let samples = measured.into_iter().enumerate();
             self.publish(samples.map(|(index, measured)| sample(measured, sample_time(end, index, count, each))));
-        } else if end.since(self.previous_end).micros > HALF_A_TURN.micros {
+        } else if pause.micros > HALF_A_TURN.micros {
             self.turns.spoil();
         }
         self.previous_end = end;
     }
 
-    /// When the last sample of the packet that came now was taken: packets have a beat, which is to be found first.
-    fn packet_end(&mut self, now: Instant) -> Instant {
+    /// False if packets between the two were lost without a trace: the sensor then has turned farther than it does from one to the next.
+    /// After a pause it may have turned all the way round, so its angle must fit well.
+    fn follows(&mut self, previous: &Capsule, capsule: &Capsule, pause: Duration) -> bool {
+        let span_deg = previous.span_deg(capsule);
+        let usual_deg = self.span_deg;
+        let tolerance = if pause.micros > HALF_A_TURN.micros { 1.05 } else { 1.5 };
+        let fits = usual_deg <= 0.0 || (usual_deg / tolerance..usual_deg * tolerance).contains(&span_deg);
+        // One that never fits again has another speed.
+        self.span_deg = if fits { span_deg } else { usual_deg + 0.2 * (span_deg - usual_deg) };
+        fits
+    }
+
+    /// When the last sample of the packet that left then was taken: packets have a beat, which is to be found first.
+    fn packet_end(&mut self, left: Instant) -> Instant {
         if let Some(beat) = &mut self.beat {
-            return beat.stamp(now, 1);
+            return beat.stamp(left, 1);
         }
-        self.beat = self.finder.hear(now).map(BeatClock::new);
-        now
+        self.beat = self.finder.hear(left).map(BeatClock::new);
+        left
     }
 
     /// A sample of the old mode, whose two check bits are right. What else can be checked: angles grow, turns start ahead.
@@ -86,16 +102,20 @@ impl Dialogue<'_> {
     }
 
     /// What was damaged leaves a hole; in the old mode, where damage may be anywhere before, it costs the turn.
-    pub(super) fn count_damaged(&mut self, now: Instant, damaged: u32) {
-        if self.base.is_damage_new(damaged) && self.base.state == State::Streaming {
-            if self.unchecked {
-                self.turns.spoil();
-                self.last_sample_deg = None;
-            }
-            self.previous = None;
-            self.beat.iter_mut().for_each(BeatClock::gap);
-            self.base.bad_scan(now, MAX_BAD);
+    ///
+    /// A sum of exclusive ors does not see bytes that have moved. A packet with a byte too many or too few passes it now and then, but then
+    /// the next does not begin where it ends: so the packet before the damage is not read either.
+    pub(super) fn on_damage(&mut self, now: Instant) {
+        if self.base.state != State::Streaming {
+            return;
         }
+        if self.unchecked {
+            self.turns.spoil();
+            self.last_sample_deg = None;
+        }
+        self.previous = None;
+        self.beat.iter_mut().for_each(BeatClock::gap);
+        self.base.bad_scan(now, MAX_BAD);
     }
 
     /// No express mode: scans in the old way, and says so.

@@ -2,6 +2,7 @@ use super::*;
 use crate::desk::{Desk, in_words};
 use crate::driver::Event;
 use crate::rplidar::response::Descriptor;
+use lrfslam_scan::Echo;
 use std::string::String;
 use std::vec::Vec;
 
@@ -193,4 +194,70 @@ fn fault_is_told_by_its_number() {
     desk.reply(ResponseKind::Info, &INFO);
     desk.reply(ResponseKind::Health, &[2, 0x34, 0]);
     assert!(desk.heard()[6].contains("a fault in itself, code 0x34 to"), "not the letter 4");
+}
+
+/// Turns of 400 packets whose distances tell their angles, through a line that does this to each packet; and how many had a wrong beam.
+fn turns_through(line: impl Fn(usize, &[u8]) -> Vec<u8>) -> (usize, usize) {
+    let mut beams = [Beam::BLANK; BEAM_MEMORY];
+    let mut desk = Desk::new(&mut beams);
+    to_streaming(&mut desk, ResponseKind::Capsule);
+    desk.heard();
+    let distance_mm = |clockwise_deg: f32| 1000.0 + 10.0 * clockwise_deg.rem_euclid(360.0);
+    let (mut turns, mut wrong) = (0, 0);
+    for index in 0..400 {
+        let start_deg = (index * 32) as f32 * 0.9 % 360.0;
+        let distances: Vec<u16> = (0..32).map(|sample| distance_mm(start_deg + 0.9 * sample as f32) as u16).collect();
+        let packet = Capsule::build_corrected(false, index == 0, start_deg, &distances, 0.0);
+        desk.now = desk.now + Duration::from_millis(8);
+        desk.give(Input::Bytes(&line(index, packet.bytes())));
+        if !desk.heard().is_empty() {
+            turns += 1;
+            let (_, beams) = desk.driver.dialogue.turns.turn();
+            let is_wrong = |beam: &Beam| match beam.echo {
+                Echo::Hit(range_m) => (range_m * 1000.0 - distance_mm(-beam.bearing_rad.to_degrees())).abs() > 20.0,
+                _ => false,
+            };
+            // At the seam, straight ahead, the distance jumps.
+            wrong += usize::from(beams.iter().filter(|beam| beam.bearing_rad.abs() > 0.05).any(is_wrong));
+        }
+    }
+    (turns, wrong)
+}
+
+#[test]
+fn packet_lost_without_a_trace_makes_no_wrong_beam() {
+    assert_eq!(turns_through(|_, packet| packet.to_vec()), (31, 0));
+    assert_eq!(turns_through(|index, packet| if index == 100 { Vec::new() } else { packet.to_vec() }), (31, 0));
+}
+
+/// The sum of exclusive ors is right if the last byte, which the doubled one pushes out, is the same.
+#[test]
+fn doubled_byte_that_the_sum_does_not_see_makes_no_wrong_beam() {
+    let doubled = |index: usize, packet: &[u8]| {
+        let mut bytes = packet.to_vec();
+        assert_eq!(bytes[8], bytes[83]);
+        bytes.splice(8..8, (index == 100).then_some(bytes[8]));
+        bytes
+    };
+    assert_eq!(turns_through(doubled), (31, 0));
+}
+
+/// 32 samples by 250 us, of which a packet takes 7.3 ms on a line of 115200 baud.
+#[test]
+fn stamps_are_the_samples_own_times_not_those_of_arrival() {
+    let mut beams = [Beam::BLANK; BEAM_MEMORY];
+    let mut desk = Desk::new(&mut beams);
+    to_streaming(&mut desk, ResponseKind::Capsule);
+    let began = desk.now.micros + 10_000;
+    for index in 0..200 {
+        desk.now = Instant::from_micros(began + (index * 32 + 31) * 250 + 84 * 10_000_000 / 115_200);
+        desk.give(Input::Bytes(capsule(false, index as usize).bytes()));
+    }
+    // Turns begin behind: at sample 200 of 400.
+    let late = (0..).zip(&desk.stamps).map(|(turn, stamp)| stamp.micros - began - (200 + turn * 400) * 250);
+    assert!(
+        desk.stamps.len() >= 14 && late.clone().all(|late: i64| late.abs() < 300),
+        "{:?}",
+        late.collect::<Vec<_>>()
+    );
 }

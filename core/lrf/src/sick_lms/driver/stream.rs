@@ -1,7 +1,7 @@
 //! From the first scan to the last.
 
 use super::{Ask, Dialogue};
-use crate::dialogue::{State, scan_wait, wire_time};
+use crate::dialogue::{MAX_BAD, State, departure, scan_wait, wire_time};
 use crate::driver::Cause;
 use crate::session::Session as _;
 use crate::sick_lms::measurement::Measurement;
@@ -11,13 +11,11 @@ use crate::sick_lms::scan::TURN;
 use crate::sick_lms::telegram::OVERHEAD;
 use lrfslam_scan::time::{Duration, Instant};
 
-/// Damaged scans in a row after which the session begins anew.
-const MAX_BAD: u8 = 8;
-
 impl Dialogue<'_> {
     pub(super) fn begin_streaming(&mut self, now: Instant) {
         let period = self.scan_period();
         let first = scan_wait(period, Duration::from_millis(1500));
+        self.pace.restart();
         self.base.begin_streaming(now, self.base.baud, period, first);
     }
 
@@ -44,15 +42,16 @@ impl Dialogue<'_> {
         let Ok(shape) = layout.read(measurement, self.memory.beams) else {
             return self.refuse(now);
         };
-        // Both are no earlier than the truth: reading late makes the first late, reading in pieces the second.
-        let wire = wire_time(length + OVERHEAD, self.base.baud);
-        let first_byte = Instant::from_micros(now.micros - wire.micros);
-        let left = self.telegram_began.min(first_byte);
+        let left = departure(self.telegram_began, now, length + OVERHEAD, self.base.baud);
         let began = Instant::from_micros(left.micros - shape.sweep.micros);
-        let stamp = Instant::from_micros(began.micros - self.config.latency.micros);
+        let is_late = self.is_late || now < self.late_until;
+        if self.is_late {
+            self.late_until = now + wire_time(length + OVERHEAD, self.base.baud);
+        }
+        let stamp = self.pace.stamp(began, is_late);
+        let stamp = Instant::from_micros(stamp.micros - self.config.latency.micros);
         self.memory.keep(shape.beams, stamp, shape.range_max_m);
-        self.base.announce_scan();
-        self.base.wait(now, scan_wait(self.scan_period(), Duration::from_millis(500)));
+        self.base.publish(now, self.scan_period());
     }
 
     /// A telegram whose sum is right, but whose content is not what was asked for.
@@ -70,6 +69,7 @@ impl Dialogue<'_> {
 
     fn bad(&mut self, now: Instant) {
         if self.base.state == State::Streaming {
+            self.pace.gap();
             self.base.bad_scan(now, MAX_BAD);
         }
     }

@@ -13,14 +13,14 @@ impl<'a> Desk<SickDriver<'a>> {
 
     fn reply(&mut self, payload: &[u8]) {
         self.now = self.now + Duration::from_millis(10);
-        self.reply_now(payload);
+        self.answer(Duration::ZERO, &[&[telegram::ACK][..], &telegram_of(payload)].concat());
     }
+}
 
-    fn reply_now(&mut self, payload: &[u8]) {
-        let mut out = [telegram::ACK; telegram::MAX_TELEGRAM + 1];
-        let length = telegram::emit(Direction::ToHost, payload, &mut out[1..]).unwrap();
-        self.answer(Duration::ZERO, &out[..=length]);
-    }
+fn telegram_of(payload: &[u8]) -> Vec<u8> {
+    let mut out = [0; telegram::MAX_TELEGRAM];
+    let length = telegram::emit(Direction::ToHost, payload, &mut out).unwrap();
+    out[..length].to_vec()
 }
 
 /// Requests by their payload in hexadecimal.
@@ -237,4 +237,38 @@ fn rate_that_no_sensor_has_is_told_and_not_tried() {
     let said = "changing the baud rate: it does not have 115200 baud; the rate stays as it is";
     assert!(heard.iter().any(|text| text == said), "{heard:?}");
     assert!(heard.iter().all(|text| text != "baud 115200") && heard.last().unwrap() == "20 24", "{heard:?}");
+}
+
+/// 75 scans a second for 18 s, of which a reader that is stopped five times for 0.3 s reads 23 at once.
+#[test]
+fn stamps_keep_the_sensors_pace_while_the_reader_is_stopped() {
+    let (mut bytes, mut beams) = ([0; TELEGRAM_MEMORY], [Beam::BLANK; BEAM_MEMORY]);
+    let fast = SickConfig { baud: BaudPolicy::NoRate, ..SickConfig::default() };
+    let mut desk = Desk::new(fast, &mut bytes, &mut beams);
+    desk.reply(&DONE);
+    desk.reply(&[0xBA, 0x10]);
+    desk.reply(&status(100));
+    desk.reply(&config());
+    desk.reply(&DONE);
+    desk.heard();
+    desk.stamps.clear();
+    let began = desk.now.micros;
+    let complete = |turn: i64| turn * 1_000_000 / 75;
+    let stop = |at: i64| if at % 3_500_000 > 3_200_000 { at / 3_500_000 * 3_500_000 + 3_500_000 } else { at };
+    let mut turn = 0;
+    while turn < 1376 {
+        let read = stop(complete(turn));
+        let mut bytes = Vec::new();
+        while turn < 1376 && complete(turn) <= read {
+            bytes.extend(telegram_of(&scan(181, None)));
+            turn += 1;
+        }
+        desk.now = Instant::from_micros(began + read);
+        desk.give(Input::Bytes(&bytes));
+    }
+    let late: Vec<i64> =
+        (0..).zip(&desk.stamps).map(|(turn, stamp)| stamp.micros + 6666 - began - complete(turn)).collect();
+    assert_eq!((late.len(), late.iter().filter(|late| late.abs() > 7000).count()), (1376, 0), "{late:?}");
+    assert!(late.iter().filter(|late| late.abs() > 500).count() <= 5, "{late:?}");
+    assert!(desk.stamps.windows(2).all(|pair| pair[1].since(pair[0]).micros > 6600), "{:?}", desk.stamps);
 }
