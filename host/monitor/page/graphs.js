@@ -24,6 +24,9 @@ function short(value) {
 export function drawGraphs(canvas, samples) {
   const ratio = devicePixelRatio;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const drawn = [width, height, ratio, theme().ink, samples.length, samples[samples.length - 1]].join();
+  if (canvas.dataset["drawn"] === drawn) return;
+  canvas.dataset["drawn"] = drawn;
   if (canvas.width !== width * ratio || canvas.height !== height * ratio) {
     canvas.width = width * ratio;
     canvas.height = height * ratio;

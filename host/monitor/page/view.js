@@ -108,6 +108,19 @@ export class View {
     });
   }
 
+  /**
+   * @param {number} px
+   * @param {number} py
+   * @returns {import("./state.js").Robot} the robot that is nearest to a point of the picture
+   */
+  nearest(px, py) {
+    const off = (/** @type {import("./state.js").Robot} */ { status }) => {
+      const [x, y] = this.camera.pixel(status?.pose?.[0] ?? Infinity, status?.pose?.[1] ?? Infinity);
+      return Math.hypot(x - px, y - py);
+    };
+    return this.robots.reduce((best, robot) => (off(robot) < off(best) ? robot : best));
+  }
+
   /** All that is known is in the picture, and stays so. */
   fit() {
     this.fits = true;
