@@ -49,10 +49,10 @@ export function drawGraphs(canvas, samples) {
  */
 function drawOne(pen, samples, { name, unit, least, column }, { top, width, height }) {
   const colours = theme();
-  const most = Math.max(least, ...samples.map((sample) => sample[column]));
+  const most = Math.max(0, ...samples.map((sample) => sample[column]));
   const [head, foot] = [top + 17, top + height - 4];
   const x = (/** @type {number} */ k) => width - 1 - ((samples.length - 1 - k) * width) / Math.max(60, samples.length);
-  const y = (/** @type {number} */ value) => foot - (value / most) * (foot - head);
+  const y = (/** @type {number} */ value) => foot - (value / Math.max(most, least)) * (foot - head);
   pen.strokeStyle = colours.faint;
   pen.lineWidth = 1;
   pen.beginPath();

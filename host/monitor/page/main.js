@@ -107,7 +107,8 @@ function words({ link, status }) {
   if (link === "away" && status?.ended) return ["good", status.ended, "the program has ended"];
   if (link === "away") return ["bad", "no connection to the program", "trying again"];
   if (!status) return ["doubt", "connecting", ""];
-  return [status.mood, status.words[0] ?? "", [...status.words.slice(1), `${status.what} ${status.source}`].join(" · ")];
+  const source = status.source.split("/").pop();
+  return [status.mood, status.words[0] ?? "", [...status.words.slice(1), `${status.what} ${source}`].join(" · ")];
 }
 
 /** @param {string} id @param {boolean} isPressed */
@@ -122,7 +123,7 @@ function leaveMargins() {
   const bottom = innerHeight - (panel.width > 0 && !isAside ? panel.top : tools.top);
   const over = [8, bottom, isAside ? innerWidth - panel.left : 8, head.bottom + 8];
   const isOnly = views.length === 1;
-  place.style.inset = isOnly ? "0" : `${over[3]}px ${over[2]}px ${over[1] + 8}px 8px`;
+  place.style.inset = isOnly ? "0" : `${over[3]}px ${over[2] + (isAside ? 8 : 0)}px ${over[1] + 8}px 8px`;
   const margins = isOnly ? over : [8, 44, 8, 44];
   for (const one of views) {
     if (String(one.margins) !== String(margins)) one.draw();

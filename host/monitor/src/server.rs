@@ -1,4 +1,4 @@
-//! The server: a thread of low priority with one event loop.
+//! The server: a thread with one event loop, of low priority once the first pictures were sent.
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, UdpSocket};

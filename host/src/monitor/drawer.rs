@@ -137,8 +137,9 @@ impl Drawer {
         if let Some(before) = &self.now {
             // Not every scan is a step of the filter, nor is every one matched.
             now.effective_sample_size = now.effective_sample_size.or(before.effective_sample_size);
-            if now.hits.is_empty() && now.map_from_robot == before.map_from_robot {
-                (now.covariance, now.undetermined) = (before.covariance, before.undetermined);
+            if now.hits.is_empty() && now.covariance == nalgebra::Matrix3::zeros() {
+                now.covariance = before.covariance;
+                now.undetermined = now.undetermined.or(before.undetermined);
             }
         }
         self.sample = self.rates.take(&now, self.status.is_paused).or(self.sample);

