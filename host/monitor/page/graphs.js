@@ -24,6 +24,9 @@ function short(value) {
 export function drawGraphs(canvas, samples) {
   const ratio = devicePixelRatio;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const drawn = [width, height, ratio, theme().ink, samples.length, samples[samples.length - 1]].join();
+  if (canvas.dataset["drawn"] === drawn) return;
+  canvas.dataset["drawn"] = drawn;
   if (canvas.width !== width * ratio || canvas.height !== height * ratio) {
     canvas.width = width * ratio;
     canvas.height = height * ratio;
@@ -46,10 +49,10 @@ export function drawGraphs(canvas, samples) {
  */
 function drawOne(pen, samples, { name, unit, least, column }, { top, width, height }) {
   const colours = theme();
-  const most = Math.max(least, ...samples.map((sample) => sample[column]));
+  const most = Math.max(0, ...samples.map((sample) => sample[column]));
   const [head, foot] = [top + 17, top + height - 4];
   const x = (/** @type {number} */ k) => width - 1 - ((samples.length - 1 - k) * width) / Math.max(60, samples.length);
-  const y = (/** @type {number} */ value) => foot - (value / most) * (foot - head);
+  const y = (/** @type {number} */ value) => foot - (value / Math.max(most, least)) * (foot - head);
   pen.strokeStyle = colours.faint;
   pen.lineWidth = 1;
   pen.beginPath();

@@ -33,11 +33,11 @@ function note(text) {
   setTimeout(() => output.classList.remove("shown"), NOTE_MS);
 }
 
-/** @param {View} view @param {string} name */
-function show(view, name) {
+/** @param {View} view */
+function show(view) {
   const figure = document.createElement("figure");
   figure.append(view.canvas);
-  if (robots.length > 1) figure.append(Object.assign(document.createElement("figcaption"), { textContent: name }));
+  if (robots.length > 1) figure.append(document.createElement("figcaption"));
   place.append(figure);
 }
 
@@ -48,8 +48,8 @@ function makeView(shown) {
   canvas.setAttribute("aria-label", `Map of ${shown.map((robot) => robot.name).join(", ")}`);
   const view = new View(canvas, shown);
   view.fit();
-  canvas.addEventListener("pointerdown", () => {
-    chosen = robots.indexOf(shown[0]);
+  canvas.addEventListener("pointerdown", ({ offsetX, offsetY }) => {
+    chosen = robots.indexOf(view.nearest(offsetX * devicePixelRatio, offsetY * devicePixelRatio));
     refresh();
   });
   return view;
@@ -68,7 +68,7 @@ function arrange() {
   place.replaceChildren();
   place.classList.toggle("many", groups.length > 1);
   views = groups.map(makeView);
-  views.forEach((view, k) => show(view, groups[k].map((robot) => robot.name).join(", ")));
+  views.forEach(show);
   refresh();
 }
 
@@ -107,7 +107,8 @@ function words({ link, status }) {
   if (link === "away" && status?.ended) return ["good", status.ended, "the program has ended"];
   if (link === "away") return ["bad", "no connection to the program", "trying again"];
   if (!status) return ["doubt", "connecting", ""];
-  return [status.mood, status.words[0] ?? "", [...status.words.slice(1), `${status.what} ${status.source}`].join(" · ")];
+  const source = status.source.split("/").pop();
+  return [status.mood, status.words[0] ?? "", [...status.words.slice(1), `${status.what} ${source}`].join(" · ")];
 }
 
 /** @param {string} id @param {boolean} isPressed */
@@ -115,16 +116,29 @@ function press(id, isPressed) {
   element(id).setAttribute("aria-pressed", String(isPressed));
 }
 
-/** What lies over the only map is left free. */
+/** What lies over the only map is left free; several lie beside it. */
 function leaveMargins() {
-  const [panel, tools] = [element("panel").getBoundingClientRect(), element("tools").getBoundingClientRect()];
+  const [head, panel, tools] = ["status", "panel", "tools"].map((id) => element(id).getBoundingClientRect());
   const isAside = panel.width > 0 && panel.left > innerWidth / 2;
   const bottom = innerHeight - (panel.width > 0 && !isAside ? panel.top : tools.top);
-  const margins = views.length === 1 ? [8, bottom, isAside ? innerWidth - panel.left : 8, 76] : [8, 60, 8, 8];
+  const over = [8, bottom, isAside ? innerWidth - panel.left : 8, head.bottom + 8];
+  const isOnly = views.length === 1;
+  place.style.inset = isOnly ? "0" : `${over[3]}px ${over[2] + (isAside ? 8 : 0)}px ${over[1] + 8}px 8px`;
+  const margins = isOnly ? over : [8, 44, 8, 44];
   for (const one of views) {
     if (String(one.margins) !== String(margins)) one.draw();
     one.margins = margins;
+    const caption = one.canvas.nextElementSibling;
+    if (!caption) continue;
+    caption.textContent = one.robots.map((robot) => `${robot.name}: ${words(robot)[1]}`).join("\n");
+    caption.parentElement?.classList.toggle("chosen", !isOnly && one.robots.includes(robots[chosen]));
   }
+}
+
+/** Two robots at least drive in the same frame. */
+function canJoin() {
+  const frames = robots.map((robot) => robot.status?.frame).filter(Boolean);
+  return new Set(frames).size < frames.length;
 }
 
 /** Words and numbers as they are now. */
@@ -142,7 +156,7 @@ function refresh() {
   const name = robots.length > 1 ? `${robots.length} robots` : (status?.source ?? "");
   document.title = `${mood === "good" ? "" : "⚠ "}lrfslam ${name}`;
   element("cloud").hidden = robot.cloud.length === 0;
-  element("one").hidden = robots.length < 2;
+  element("one").hidden = !canJoin();
   for (const id of ["save", "pause", "stop"]) {
     const is = /** @type {HTMLButtonElement} */ (element(id));
     is.disabled = !mayCommand || robot.link !== "there" || Boolean(status?.ended && id !== "stop");
@@ -156,24 +170,25 @@ function refresh() {
   press("pause", status?.is_paused ?? false);
   press("one", isOne);
   if (!element("panel").classList.contains("shown")) return;
-  const cells = numbers(robot).flatMap(([term, value]) => [
-    Object.assign(document.createElement("dt"), { textContent: term }),
-    Object.assign(document.createElement("dd"), { textContent: value }),
-  ]);
-  element("numbers").replaceChildren(...cells);
+  const [cells, list] = [numbers(robot).flat(), element("numbers")];
+  while (list.children.length > cells.length) list.lastElementChild?.remove();
+  cells.forEach((text, k) => {
+    const cell = list.children[k] ?? list.appendChild(document.createElement(k % 2 ? "dd" : "dt"));
+    if (cell.textContent !== text) cell.textContent = text;
+  });
   drawGraphs(/** @type {HTMLCanvasElement} */ (element("graphs")), robot.samples);
 }
 
 let isDue = false;
-/** Numbers change four times a second, the map whenever it does. */
+/** Words, numbers and maps change in the same frame. */
 function changed() {
   views.forEach((one) => one.draw());
   if (isDue) return;
   isDue = true;
-  setTimeout(() => {
+  requestAnimationFrame(() => {
     isDue = false;
     refresh();
-  }, 250);
+  });
 }
 
 /** @param {string} command @param {string} said */
@@ -198,7 +213,7 @@ const DEEDS = {
     changed();
   },
   one: () => {
-    isOne = !isOne;
+    isOne = !isOne && canJoin();
     arrange();
   },
   details: () => press("details", element("panel").classList.toggle("shown")),

@@ -6,6 +6,7 @@ import { theme } from "./colours.js";
 const TILE = 64; // cells
 const SHEET = 512; // pixels
 const LEVELS = 7; // at the last one a tile is a pixel
+const STEP = 16; // cells in which the extent grows
 const GHOST_MS = 2600;
 const GHOSTS_MAX = 600;
 
@@ -46,6 +47,21 @@ function halved(cells, side) {
 }
 
 /**
+ * @param {Uint8Array} cells
+ * @returns {[number, number, number, number] | null} columns and rows of a tile from which and up to which something is known
+ */
+function known(cells) {
+  let [left, bottom, right, top] = [TILE, TILE, 0, 0];
+  for (let k = 0; k < cells.length; k++) {
+    if (cells[k] === 0) continue;
+    const [column, row] = [k % TILE, (k / TILE) | 0];
+    [left, right] = [Math.min(left, column), Math.max(right, column + 1)];
+    [bottom, top] = [Math.min(bottom, row), Math.max(top, row + 1)];
+  }
+  return left < right ? [left, bottom, right, top] : null;
+}
+
+/**
  * @param {number} width
  * @param {number} height
  */
@@ -59,7 +75,7 @@ function canvas(width, height) {
 export class TileMap {
   constructor() {
     this.cellSize = 0.05;
-    /** @type {Map<string, { layer: number, column: number, row: number, cells: Uint8Array }>} */
+    /** @type {Map<string, { layer: number, column: number, row: number, cells: Uint8Array, known: [number, number, number, number] | null }>} */
     this.tiles = new Map();
     /** @type {Map<string, HTMLCanvasElement>[]} by layer and level */
     this.sheets = [];
@@ -88,7 +104,8 @@ export class TileMap {
    */
   put(layer, column, row, runs, leavesGhost) {
     const key = `${layer},${column},${row}`;
-    const tile = { layer, column, row, cells: unpack(runs) };
+    const cells = unpack(runs);
+    const tile = { layer, column, row, cells, known: known(cells) };
     const before = this.tiles.get(key);
     if (leavesGhost && before && layer === 0) this.#leave(before.cells, tile);
     this.tiles.set(key, tile);
@@ -155,13 +172,14 @@ export class TileMap {
   /** @returns {[number, number, number, number] | null} what is known lies in it: left, bottom, right, top, m */
   extent() {
     let [left, bottom, right, top] = [Infinity, Infinity, -Infinity, -Infinity];
-    for (const { column, row, cells } of this.tiles.values()) {
-      if (!cells.some((cell) => cell !== 0)) continue;
-      [left, right] = [Math.min(left, column), Math.max(right, column + 1)];
-      [bottom, top] = [Math.min(bottom, row), Math.max(top, row + 1)];
+    for (const { column, row, known } of this.tiles.values()) {
+      if (!known) continue;
+      [left, right] = [Math.min(left, column * TILE + known[0]), Math.max(right, column * TILE + known[2])];
+      [bottom, top] = [Math.min(bottom, row * TILE + known[1]), Math.max(top, row * TILE + known[3])];
     }
-    const size = TILE * this.cellSize;
-    return left < right ? [left * size, bottom * size, right * size, top * size] : null;
+    // In steps, so that the picture does not breathe with every scan.
+    const [down, up] = [Math.floor, Math.ceil].map((round) => (/** @type {number} */ at) => round(at / STEP) * STEP * this.cellSize);
+    return left < right ? [down(left), down(bottom), up(right), up(top)] : null;
   }
 
   /**

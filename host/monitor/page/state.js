@@ -4,7 +4,7 @@
 import { TileMap } from "./map.js";
 
 const HEAD = 28;
-const RETRY_MS = [300, 1000, 3000];
+const RETRY_MS = [300, 1000];
 const SAMPLES_MAX = 600;
 
 /**

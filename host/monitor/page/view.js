@@ -108,6 +108,19 @@ export class View {
     });
   }
 
+  /**
+   * @param {number} px
+   * @param {number} py
+   * @returns {import("./state.js").Robot} the robot that is nearest to a point of the picture
+   */
+  nearest(px, py) {
+    const off = (/** @type {import("./state.js").Robot} */ { status }) => {
+      const [x, y] = this.camera.pixel(status?.pose?.[0] ?? Infinity, status?.pose?.[1] ?? Infinity);
+      return Math.hypot(x - px, y - py);
+    };
+    return this.robots.reduce((best, robot) => (off(robot) < off(best) ? robot : best));
+  }
+
   /** All that is known is in the picture, and stays so. */
   fit() {
     this.fits = true;
@@ -372,9 +385,18 @@ function drawParticles(pen, camera, { particles }, ratio) {
   pen.stroke();
 }
 
-/** Each kind of fit has a size and a colour. @param {Pen} pen @param {Camera} camera @param {Robot} robot @param {number} ratio */
-function drawScan(pen, camera, { scan }, ratio) {
-  const sizes = [2.4, 2.8, 2, 4.4].map((size) => Math.round(size * ratio));
+/** What is seen, and each hit in size and colour by how it fits. @param {Pen} pen @param {Camera} camera @param {Robot} robot @param {number} ratio */
+function drawScan(pen, camera, { scan, status }, ratio) {
+  if (status?.pose) {
+    pen.fillStyle = theme().robot;
+    pen.globalAlpha = 0.1;
+    pen.beginPath();
+    pen.moveTo(...camera.pixel(status.pose[0], status.pose[1]));
+    for (let k = 0; k + 3 <= scan.length; k += 3) pen.lineTo(...camera.pixel(scan[k], scan[k + 1]));
+    pen.fill();
+    pen.globalAlpha = 1;
+  }
+  const sizes = [3.4, 3.6, 2.6, 5].map((size) => Math.round(size * ratio));
   theme().fits.forEach((colour, fit) => {
     pen.fillStyle = colour;
     const side = sizes[fit];

@@ -8,6 +8,8 @@ use axum::http::{Method, Request, StatusCode, header};
 use hyper_util::rt::TokioIo;
 use tokio::net::TcpStream;
 
+use crate::routes::STATUS;
+
 /// A state has at most so many bytes.
 const STATE_BYTES_MAX: usize = 64 << 20;
 /// A robot answers within this, or is away.
@@ -41,6 +43,20 @@ impl Remote {
     /// Name or address, and port.
     pub fn host(&self) -> &str {
         &self.host
+    }
+
+    /// How things stand there: JSON of [`Status`](lrfslam_host::monitor::Status), at most a second old. Waits up to ten seconds for it.
+    ///
+    /// # Errors
+    /// If nobody answers, or the token is wrong.
+    pub fn status(&self) -> io::Result<serde_json::Value> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
+        match runtime.block_on(self.ask(Method::GET, STATUS)) {
+            Some((StatusCode::OK, status)) => serde_json::from_slice(&status).map_err(io::Error::other),
+            Some((StatusCode::UNAUTHORIZED, _)) => Err(io::Error::other("the link's token is wrong")),
+            Some((status, _)) => Err(io::Error::other(format!("no page of lrfslam: {status}"))),
+            None => Err(io::Error::other("nobody answers")),
+        }
     }
 
     /// Passes on what is asked; `None` if nobody answers.

@@ -1,7 +1,7 @@
 //! What may be asked for: the page, changes of a robot's state, and commands.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use axum::Router;
@@ -9,7 +9,7 @@ use axum::extract::{DefaultBodyLimit, Path, RawQuery, State};
 use axum::http::{HeaderMap, HeaderName, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
-use lrfslam_host::monitor::{Ask, Monitor};
+use lrfslam_host::monitor::{Ask, Monitor, give_way};
 
 use crate::access::Access;
 use crate::doors::Tell;
@@ -21,6 +21,10 @@ const BODY_BYTES_MAX: usize = 1024;
 const WAIT: Duration = Duration::from_millis(1000);
 /// How often it is looked whether there is more.
 const POLL: Duration = Duration::from_millis(20);
+/// So many states are sent before the server gives way to what else runs.
+const AT_ONCE: usize = 30;
+/// Where a robot's status is.
+pub const STATUS: &str = "/robots/0/status";
 
 /// What the page may do: nothing but draw, and talk to where it came from.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data: blob:; \
@@ -45,7 +49,9 @@ pub struct Shared {
     pub access: Access,
     pub robots: Vec<Robot>,
     pub tell: Tell,
-    pub has_told: AtomicBool,
+    has_told: AtomicBool,
+    /// States that were sent.
+    sent: AtomicUsize,
 }
 
 /// All routes.
@@ -55,6 +61,7 @@ pub fn router(shared: Arc<Shared>) -> Router {
         .route("/{file}", get(|Path(name): Path<String>| async move { file(&name).await }))
         .route("/robots", get(robots))
         .route("/robots/{robot}/changes", get(changes))
+        .route("/robots/{robot}/status", get(status))
         .route("/robots/{robot}/{ask}", post(ask))
         .layer(DefaultBodyLimit::max(BODY_BYTES_MAX))
         .with_state(shared)
@@ -75,6 +82,18 @@ async fn file(name: &str) -> Response {
 }
 
 impl Shared {
+    /// Nobody was here yet.
+    pub fn new(access: Access, robots: Vec<Robot>, tell: Tell) -> Self {
+        Self { access, robots, tell, has_told: AtomicBool::new(false), sent: AtomicUsize::new(0) }
+    }
+
+    /// The first pictures come at once, on a busy computer too.
+    fn count_sent(&self) {
+        if self.sent.fetch_add(1, Ordering::Relaxed) == AT_ONCE {
+            give_way();
+        }
+    }
+
     fn refuse(&self) -> Response {
         if !self.has_told.swap(true, Ordering::Relaxed) {
             (self.tell)("somebody without the token, or from another page, was refused the live page");
@@ -87,6 +106,12 @@ impl Shared {
 async fn robots(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Response {
     if !shared.access.may_see(&headers) {
         return shared.refuse();
+    }
+    // What they will ask for next is drawn meanwhile.
+    for robot in &shared.robots {
+        if let Source::Here(monitor) = &robot.source {
+            monitor.look();
+        }
     }
     let names: Vec<&str> = shared.robots.iter().map(|robot| robot.name.as_str()).collect();
     let may_command = shared.access.may_command(&headers);
@@ -113,7 +138,10 @@ async fn changes(
     let headers: [(HeaderName, &str); 2] =
         [(header::CONTENT_TYPE, "application/octet-stream"), (header::CACHE_CONTROL, "no-store")];
     match &robot.source {
-        Source::Here(monitor) => (headers, state(monitor, instance, revision).await).into_response(),
+        Source::Here(monitor) => {
+            shared.count_sent();
+            (headers, state(monitor, instance, revision).await).into_response()
+        }
         Source::There(remote) => {
             let path = format!("/robots/0/changes?{instance}-{revision}");
             match remote.ask(Method::GET, &path).await {
@@ -134,6 +162,26 @@ async fn state(monitor: &Monitor, instance: u64, revision: u64) -> Vec<u8> {
     }
     monitor.look();
     monitor.changes(instance, revision)
+}
+
+/// How things stand now, as JSON: for programs.
+async fn status(State(shared): State<Arc<Shared>>, Path(robot): Path<usize>, headers: HeaderMap) -> Response {
+    if !shared.access.may_see(&headers) {
+        return shared.refuse();
+    }
+    let Some(robot) = shared.robots.get(robot) else { return StatusCode::NOT_FOUND.into_response() };
+    let status = match &robot.source {
+        Source::Here(monitor) => {
+            // What nobody has looked at is old.
+            state(monitor, monitor.instance(), monitor.revision()).await;
+            serde_json::to_vec(&monitor.status()).unwrap_or_default()
+        }
+        Source::There(remote) => match remote.ask(Method::GET, STATUS).await {
+            Some((StatusCode::OK, status)) => status.to_vec(),
+            _ => return StatusCode::BAD_GATEWAY.into_response(),
+        },
+    };
+    ([(header::CONTENT_TYPE, "application/json"), (header::CACHE_CONTROL, "no-store")], status).into_response()
 }
 
 /// A command, to who has the token.

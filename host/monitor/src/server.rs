@@ -1,11 +1,10 @@
-//! The server: a thread of low priority with one event loop.
+//! The server: a thread with one event loop, of low priority once the first pictures were sent.
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, UdpSocket};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
-use lrfslam_host::monitor::{Monitor, give_way};
+use lrfslam_host::monitor::Monitor;
 
 use crate::access::{Access, LOOPBACK};
 use crate::doors::{self, Tell};
@@ -68,11 +67,10 @@ impl Server {
         let listener = listen(config.address)?;
         let address = listener.local_addr()?;
         let access = Access::new(address, config.token)?;
-        let (tell, has_told) = (config.tell, AtomicBool::new(false));
-        let shared = Shared { access: access.clone(), robots, tell: tell.clone(), has_told };
+        let tell = config.tell;
+        let shared = Shared::new(access.clone(), robots, tell.clone());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         std::thread::Builder::new().name("live page".to_owned()).spawn(move || {
-            give_way();
             runtime.block_on(async {
                 match tokio::net::TcpListener::from_std(listener) {
                     Ok(listener) => doors::open(listener, router(Arc::new(shared)), tell).await,

@@ -134,9 +134,14 @@ impl Drawer {
         if self.now.as_ref().is_none_or(|before| before.counts.scans != now.counts.scans) {
             self.heard = WallInstant::now();
         }
-        // Not every scan is a step of the filter.
-        let before = self.now.as_ref().and_then(|before| before.effective_sample_size);
-        now.effective_sample_size = now.effective_sample_size.or(before);
+        if let Some(before) = &self.now {
+            // Not every scan is a step of the filter, nor is every one matched.
+            now.effective_sample_size = now.effective_sample_size.or(before.effective_sample_size);
+            if now.hits.is_empty() && now.covariance == nalgebra::Matrix3::zeros() {
+                now.covariance = before.covariance;
+                now.undetermined = now.undetermined.or(before.undetermined);
+            }
+        }
         self.sample = self.rates.take(&now, self.status.is_paused).or(self.sample);
         let layer = self.layer(self.here).unwrap_or(MAP);
         let fit = |hit: &Point2| {

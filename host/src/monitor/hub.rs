@@ -104,6 +104,7 @@ impl Hub {
     /// The drawing thread.
     fn draw(&self, mut drawer: Drawer) {
         let (mut asked_at, mut was_looked_at) = (WallInstant::now(), false);
+        let mut is_first = true;
         while !self.is_closed.load(Ordering::Relaxed) {
             let is_looked_at = self.is_looked_at();
             if is_looked_at && !std::mem::replace(&mut was_looked_at, is_looked_at) {
@@ -131,11 +132,17 @@ impl Hub {
             drawer.status.can_pause = self.can_pause.load(Ordering::Relaxed);
             drawer.status.news = lock(&self.said).iter().cloned().collect();
             if is_looked_at {
+                let mut has_map = false;
                 drawer.draw(|change| {
                     let mut scene = lock(&self.scene);
                     change(&mut scene);
+                    has_map = !scene.tiles.is_empty();
                     self.revision.store(scene.revision(), Ordering::Relaxed);
                 });
+                // The first picture comes at once, on a busy computer too.
+                if has_map && std::mem::take(&mut is_first) {
+                    give_way();
+                }
             }
         }
     }
@@ -184,10 +191,7 @@ impl Monitor {
             is_closed: AtomicBool::new(false),
         });
         let (drawn, drawer) = (hub.clone(), Drawer::new(about));
-        std::thread::Builder::new().name("monitor".to_owned()).spawn(move || {
-            give_way();
-            drawn.draw(drawer);
-        })?;
+        std::thread::Builder::new().name("monitor".to_owned()).spawn(move || drawn.draw(drawer))?;
         Ok((Self { hub: hub.clone(), _life: Arc::new(Life(hub.clone())) }, Feed::new(hub)))
     }
 
@@ -245,9 +249,12 @@ impl Monitor {
     }
 }
 
-/// This thread works when no other wants to. Where that cannot be had it works all the same.
+/// Against a thread of SLAM this one gets a tenth of a core, where there is no other; less, and a page on a busy computer stands still.
+const NICENESS: i32 = 10;
+
+/// Lets other threads go first from now on. Where that cannot be had it works all the same.
 pub fn give_way() {
     #[cfg(target_os = "linux")]
     // Of one thread, on Linux.
-    let _ = rustix::process::setpriority_process(None, 19);
+    let _ = rustix::process::setpriority_process(None, NICENESS);
 }

@@ -1,7 +1,8 @@
 //! The one source of live state: what a run is doing now, for everybody who wants to watch it. **No server in here.**
 //!
-//! Data flow: the run's own thread, when it is [wanted](Feed::is_wanted) → [`Batch`], what is new → a thread of low priority that draws →
-//! scene → [`Monitor::changes`], what changed since a revision, in the form of [`wire`] → page, terminal, whoever comes.
+//! Data flow: the run's own thread, when it is [wanted](Feed::is_wanted) → [`Batch`], what is new → a thread that draws, and gives way to others
+//! once there is a picture → scene → [`Monitor::changes`], what changed since a revision, in the form of [`wire`] → page, terminal, whoever
+//! comes.
 //!
 //! # What holds
 //! - When nobody looks, a run pays one load of an atomic for every scan, and nothing is drawn or kept twice.

@@ -2,6 +2,8 @@
 
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
+use lrfslam_core::time::Instant;
+
 use super::batch::Now;
 
 /// Over which a rate is taken.
@@ -12,7 +14,7 @@ pub(super) const SAMPLES_MAX: usize = 600;
 /// What is drawn as a graph.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
 pub struct Sample {
-    /// Time of the scans, s.
+    /// Time of the scans since the first sample, s.
     pub time_s: f32,
     /// Scans a second of the wall's clock.
     pub scans_hz: f32,
@@ -30,6 +32,8 @@ pub struct Sample {
 #[derive(Debug, Default)]
 pub(super) struct Rates {
     last: Option<(WallInstant, u64, WallDuration)>,
+    /// Stamp of the first sample.
+    began: Option<Instant>,
 }
 
 impl Rates {
@@ -46,7 +50,8 @@ impl Rates {
         let taken = now.counts.scans.saturating_sub(scans) as f32;
         let worked_ms = now.working.saturating_sub(working).as_secs_f32() * 1e3;
         Some(Sample {
-            time_s: now.stamp.as_secs_f64() as f32,
+            // A stamp since 1970 is too large for it.
+            time_s: now.stamp.since(*self.began.get_or_insert(now.stamp)).micros as f32 / 1e6,
             scans_hz: taken / (wall - then).as_secs_f32(),
             step_ms: worked_ms / taken.max(1.0),
             late_ms: now.late.map_or(0.0, |late| late.as_secs_f32() * 1e3),

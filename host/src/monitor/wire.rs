@@ -12,7 +12,7 @@
 //! | 5 scan | each hit: x, y, fit: 0 on a wall, 1 near one, 2 where nothing was known, 3 where the map is free |
 //! | 6 particles | each: x, y, heading, weight |
 //! | 7 cloud | index of the first point; each: x, y, z |
-//! | 8 rates | each `Sample`: time in s, scans a second, ms a scan, ms late, effective sample size, megabytes |
+//! | 8 rates | each `Sample`: s since the first, scans a second, ms a scan, ms late, effective sample size, megabytes |
 //!
 //! A tile's cells go row by row from below, in runs of a byte: two bits of what (0 unknown, 1 free, 2 occupied), six of how many less one.
 //! Layer 0 is the map, layer 1 the piece of a robot that was lost. A tile without bytes is unknown.

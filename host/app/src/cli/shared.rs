@@ -123,6 +123,11 @@ impl TellArgs {
         self.quiet
     }
 
+    /// JSON is to be printed.
+    pub(super) fn is_json(self) -> bool {
+        self.json.json
+    }
+
     /// Words on the way, on standard error.
     pub fn say(self, text: &str) {
         if !self.quiet {

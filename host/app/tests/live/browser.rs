@@ -85,6 +85,56 @@ impl Browser {
         page
     }
 
+    /// The page as one with fingers has it: `kind` is `touchStart`, `touchMove` or `touchEnd`, with where the fingers are, pixels.
+    pub fn touch(&mut self, page: &Page, kind: &str, fingers: &[[f64; 2]]) {
+        let points: Vec<Value> =
+            fingers.iter().enumerate().map(|(id, [x, y])| json!({ "x": x, "y": y, "id": id })).collect();
+        self.call(Some(page), "Input.dispatchTouchEvent", json!({ "type": kind, "touchPoints": points }));
+    }
+
+    /// A click of the mouse.
+    pub fn click(&mut self, page: &Page, [x, y]: [f64; 2]) {
+        for kind in ["mousePressed", "mouseReleased"] {
+            let event = json!({ "type": kind, "x": x, "y": y, "button": "left", "clickCount": 1 });
+            self.call(Some(page), "Input.dispatchMouseEvent", event);
+        }
+    }
+
+    /// A click in the middle of an element.
+    pub fn click_on(&mut self, page: &Page, selector: &str) {
+        let find = format!("document.querySelector('{selector}').getBoundingClientRect().toJSON()");
+        let place = self.value(page, &find);
+        let [x, y, width, height] = ["x", "y", "width", "height"].map(|side| place[side].as_f64().expect(selector));
+        assert!(width > 0.0 && height > 0.0, "{selector} is not to be seen");
+        self.click(page, [x + width / 2.0, y + height / 2.0]);
+    }
+
+    /// A key of the keyboard, by its name, such as `f` or `ArrowLeft`.
+    pub fn press(&mut self, page: &Page, key: &str) {
+        for kind in ["keyDown", "keyUp"] {
+            self.call(Some(page), "Input.dispatchKeyEvent", json!({ "type": kind, "key": key }));
+        }
+    }
+
+    /// The page as in the dark, or in the light.
+    pub fn darken(&mut self, page: &Page, is_dark: bool) {
+        let scheme = if is_dark { "dark" } else { "light" };
+        let media = json!({ "features": [{ "name": "prefers-color-scheme", "value": scheme }] });
+        self.call(Some(page), "Emulation.setEmulatedMedia", media);
+    }
+
+    /// The page as on a phone, whose pixels are smaller.
+    pub fn sharpen(&mut self, page: &Page, [width, height]: [u32; 2]) {
+        let size = json!({ "width": width, "height": height, "deviceScaleFactor": 2, "mobile": true });
+        self.call(Some(page), "Emulation.setDeviceMetricsOverride", size);
+    }
+
+    /// What is seen, as PNG.
+    pub fn picture(&mut self, page: &Page) -> Vec<u8> {
+        let shot = self.call(Some(page), "Page.captureScreenshot", json!({ "format": "png" }));
+        from_base64(shot["data"].as_str().expect("a picture"))
+    }
+
     /// Value of an expression, awaited.
     pub fn value(&mut self, page: &Page, expression: &str) -> Value {
         let asked = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
@@ -102,6 +152,17 @@ impl Browser {
         }
         begun.elapsed()
     }
+}
+
+fn from_base64(text: &str) -> Vec<u8> {
+    let digit =
+        |c: u8| b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/".iter().position(|d| *d == c);
+    let digits: Vec<usize> = text.bytes().filter_map(digit).collect();
+    let group = |four: &[usize]| {
+        let bits = four.iter().enumerate().fold(0, |bits, (k, digit)| bits | digit << (18 - 6 * k));
+        [bits >> 16, bits >> 8, bits].map(|byte| byte as u8).into_iter().take(four.len() - 1).collect::<Vec<u8>>()
+    };
+    digits.chunks(4).flat_map(group).collect()
 }
 
 impl Drop for Browser {

@@ -8,6 +8,8 @@ mod common;
 #[cfg(feature = "demo")]
 mod demo;
 mod doctor;
+#[cfg(feature = "monitor")]
+mod fed;
 #[cfg(feature = "demo")]
 mod keeps;
 mod kills;
@@ -17,4 +19,20 @@ mod map_server;
 mod others;
 #[cfg(feature = "monitor")]
 mod page;
+#[cfg(feature = "monitor")]
+mod page_cost;
+#[cfg(feature = "monitor")]
+mod page_far;
+#[cfg(feature = "monitor")]
+mod page_hands;
+#[cfg(feature = "monitor")]
+mod page_mcu;
+#[cfg(feature = "monitor")]
+mod page_pictures;
+#[cfg(feature = "monitor")]
+mod page_sights;
+#[cfg(feature = "monitor")]
+mod page_watch;
+#[cfg(feature = "monitor")]
+mod viewer;
 mod visits;
