@@ -10,6 +10,7 @@ mod demo;
 mod doctor;
 #[cfg(feature = "demo")]
 mod keeps;
+mod keys;
 mod kills;
 mod laser;
 #[path = "../cli/map_server.rs"]
