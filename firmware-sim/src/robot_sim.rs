@@ -6,10 +6,11 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, anyhow};
 use clap::{Args, Parser, ValueEnum};
 use lrfslam_firmware_sim::fault::FaultPlan;
-use lrfslam_firmware_sim::robot_process::{HostLine, Wiring, serve};
+use lrfslam_firmware_sim::robot_process::{HostLine, Wiring, read_key_file, serve};
+use lrfslam_robot::wire::key::Key;
 use lrfslam_robot::{CompactPools, LargePools, StandardPools};
 
 /// A robot that does the SLAM itself.
@@ -27,6 +28,8 @@ struct Arguments {
     /// Rate of --link-port, bit/s
     #[arg(long, value_name = "N", default_value_t = 921_600)]
     link_baud: u32,
+    #[command(flatten)]
+    key: KeyArgs,
     /// How much memory the robot has
     #[arg(long, value_enum, default_value_t = Size::Standard)]
     memory: Size,
@@ -51,9 +54,36 @@ struct LinkArgs {
     /// At a pseudo-terminal, which is made under this name (a symbolic link)
     #[arg(long, value_name = "NAME")]
     link_pty: Option<PathBuf>,
-    /// Comes by TCP to this address, such as 0.0.0.0:5557
+    /// Comes by TCP to this address, such as 127.0.0.1:5557, or with a key 0.0.0.0:5557
     #[arg(long, value_name = "IP:PORT")]
     listen: Option<SocketAddr>,
+}
+
+/// Who is listened to; without any, the environment's LRFSLAM_KEY is taken, if there is one.
+#[derive(Debug, Args)]
+#[group(multiple = false)]
+struct KeyArgs {
+    /// Listen only to a host with this key; `lrfslam key FILE` makes one. To be reached from other computers there must be one
+    #[arg(long, value_name = "FILE")]
+    key_file: Option<PathBuf>,
+    /// The same key in 64 hexadecimal digits, which every user of this computer can see
+    #[arg(long, value_name = "HEX")]
+    key: Option<String>,
+}
+
+impl KeyArgs {
+    fn key(&self) -> Result<Option<Key>> {
+        if let Some(path) = &self.key_file {
+            return read_key_file(path).map(Some);
+        }
+        let from_environment = || std::env::var("LRFSLAM_KEY").ok().filter(|key| !key.is_empty());
+        let (name, digits) = match self.key.clone() {
+            Some(digits) => ("--key", Some(digits)),
+            None => ("LRFSLAM_KEY", from_environment()),
+        };
+        let no_key = || anyhow!("{name}: this is no key: 64 hexadecimal digits, as `lrfslam key` makes them");
+        digits.map(|digits| Key::from_hex(digits.trim()).ok_or_else(no_key)).transpose()
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -67,16 +97,33 @@ enum Size {
 }
 
 fn main() -> ExitCode {
-    match run(&Arguments::parse()) {
+    let arguments = Arguments::parse();
+    // Wrong from the start: nothing was done.
+    let (done, code) = match wiring(&arguments) {
+        Ok(wiring) => (run(&arguments, &wiring), ExitCode::FAILURE),
+        Err(error) => (Err(error), ExitCode::from(2)),
+    };
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("robot-sim: {error:#}");
-            ExitCode::FAILURE
+            code
         }
     }
 }
 
-fn run(arguments: &Arguments) -> Result<()> {
+fn wiring(arguments: &Arguments) -> Result<Wiring> {
+    let wiring = Wiring {
+        laser: arguments.lrf_port.clone(),
+        host: host_line(arguments)?,
+        key: arguments.key.key()?,
+        faults: (arguments.fault.damage, arguments.seed),
+    };
+    wiring.check()?;
+    Ok(wiring)
+}
+
+fn run(arguments: &Arguments, wiring: &Wiring) -> Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     // A second one ends it at once.
@@ -86,20 +133,15 @@ fn run(arguments: &Arguments) -> Result<()> {
         }
     };
     ctrlc::set_handler(end).context("catching ctrl-C")?;
-    let wiring = Wiring {
-        laser: arguments.lrf_port.clone(),
-        host: host_line(arguments)?,
-        faults: (arguments.fault.damage, arguments.seed),
-    };
     let say = |text: &str| {
         if !arguments.quiet {
             eprintln!("robot-sim: {text}");
         }
     };
     match arguments.memory {
-        Size::Standard => serve::<StandardPools>(&wiring, &stop, &say),
-        Size::Compact => serve::<CompactPools>(&wiring, &stop, &say),
-        Size::Large => serve::<LargePools>(&wiring, &stop, &say),
+        Size::Standard => serve::<StandardPools>(wiring, &stop, &say),
+        Size::Compact => serve::<CompactPools>(wiring, &stop, &say),
+        Size::Large => serve::<LargePools>(wiring, &stop, &say),
     }
 }
 

@@ -14,6 +14,8 @@ use lrfslam_host::robot::{ClientMemory, JOURNAL, Journal, Judge, RobotClient, Ro
 use lrfslam_host::scans::log::{LogOptions, LogReader};
 use lrfslam_host::scans::recording::RecordingReader;
 use lrfslam_robot::wire::frame::{MAX_FRAME, encode};
+use lrfslam_robot::wire::key::Key;
+use lrfslam_robot::wire::lock::Lock;
 use lrfslam_robot::wire::message::{FromRobot, Health};
 use lrfslam_robot::{CompactPools, Input, Pools as _, Ports, Robot, RobotConfig};
 
@@ -47,10 +49,16 @@ pub fn configurations(bytes: &[u8]) {
     });
 }
 
-/// What a robot hears from a host that may be any: raw bytes, and the payloads of whole frames.
+/// What a robot hears from a host that may be any: raw bytes, and the payloads of whole frames. With a key it hears them, too.
 pub fn robots(bytes: &[u8]) {
-    let mut pools = Box::new(CompactPools::EMPTY);
-    let mut robot = Robot::new("fuzzed", 7, pools.lend());
+    let key = Key::new([7; 32]);
+    for lock in [None, Some(Lock::of_robot(key, [1; 16]))] {
+        let mut pools = Box::new(CompactPools::EMPTY);
+        hear_host(Robot::new("fuzzed", 7, pools.lend()).with_lock(lock), bytes);
+    }
+}
+
+fn hear_host(mut robot: Robot<'_>, bytes: &[u8]) {
     let mut silent = Silent;
     let mut now = Instant::from_micros(1_000_000);
     let _ = robot.handle(now, Input::LinkConnected, &mut silent);
@@ -76,11 +84,16 @@ impl Ports for Silent {
     }
 }
 
-/// What a host hears from a robot that may be any.
+/// What a host hears from a robot that may be any; with a key, too.
 pub fn hosts(bytes: &[u8]) {
-    let mut memory = ClientMemory::default();
-    let config = RobotConfig::default();
-    let mut client = RobotClient::new(&config, 20, None, &mut memory);
+    let key = Key::new([7; 32]);
+    for lock in [None, Some(Lock::of_host(key, [1; 16]))] {
+        let mut memory = ClientMemory::default();
+        hear_robot(RobotClient::new(&RobotConfig::default(), 20, None, &mut memory).with_lock(lock), bytes);
+    }
+}
+
+fn hear_robot(mut client: RobotClient<'_>, bytes: &[u8]) {
     let mut now = Instant::from_micros(1_000_000);
     client.session().connected(now);
     let (mut judge, mut map, mut sweeps) = (Judge::default(), RobotMap::default(), Sweeps::default());

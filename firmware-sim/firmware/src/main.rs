@@ -7,6 +7,8 @@
 use lrfslam_core::time::Instant;
 use lrfslam_firmware::Pools;
 use lrfslam_firmware::board::{self, Board};
+use lrfslam_robot::wire::key::Key;
+use lrfslam_robot::wire::lock::Lock;
 use lrfslam_robot::{Input, Pools as _, Robot};
 use static_cell::ConstStaticCell;
 
@@ -15,10 +17,20 @@ static POOLS: ConstStaticCell<Pools> = ConstStaticCell::new(Pools::EMPTY);
 /// Bytes handled at once.
 const CHUNK: usize = 256;
 
+/// The host's key, if LRFSLAM_KEY had one when this was built.
+const KEY: Option<Key> = match option_env!("LRFSLAM_KEY") {
+    None | Some("") => None,
+    Some(digits) => match Key::from_hex(digits) {
+        None => panic!("LRFSLAM_KEY: 64 hexadecimal digits, as `lrfslam key` makes them"),
+        key => key,
+    },
+};
+
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let mut board = Board::take();
-    let mut robot = Robot::new(board::NAME, board.epoch(), POOLS.take().lend());
+    let lock = KEY.map(|key| Lock::of_robot(key, board.entropy()));
+    let mut robot = Robot::new(board::NAME, board.epoch(), POOLS.take().lend()).with_lock(lock);
     let mut give = |board: &mut Board, input: Input<'_>| {
         let started = board.now();
         let deadline = robot.handle(started, input, board);

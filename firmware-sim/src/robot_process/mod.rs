@@ -5,14 +5,16 @@
 //! its inputs.
 //!
 //! What a line brings waits in a queue with an end, and the line waits then. A scan whose bytes have waited for too long is decoded and not mapped, so that a robot
-//! that is too slow for its laser lags by no more than that. By the network there is one host at a time.
+//! that is too slow for its laser lags by no more than that. By the network there is one host at a time. If the robot has a key, one that comes by the network
+//! is a guest until it has proved that it knows it.
 
 mod clock;
 mod guest;
+mod key;
 mod port;
+mod wiring;
 
-use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::path::PathBuf;
+use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
@@ -20,35 +22,17 @@ use std::time::Duration as WallDuration;
 
 use anyhow::{Context as _, Result};
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_robot::wire::lock::Lock;
 use lrfslam_robot::wire::message::Health;
 use lrfslam_robot::{Input, Pools, Ports, Robot, RobotMemory};
 
 use self::clock::Clock;
-use self::guest::{Guest, Introduction};
+use self::guest::{GUESTS_MAX, Guest, Introduction};
+use self::key::entropy;
+pub use self::key::read_key_file;
 use self::port::{News, Port};
+pub use self::wiring::{HostLine, Wiring};
 use crate::fault::FaultLink;
-
-/// Where the host is.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum HostLine {
-    /// At a serial port, at this rate, bit/s.
-    Serial(PathBuf, u32),
-    /// At a pseudo-terminal that is made, under this name.
-    Terminal(PathBuf),
-    /// Comes by TCP, one at a time.
-    Tcp(SocketAddr),
-}
-
-/// What a robot is plugged to.
-#[derive(Debug, Clone)]
-pub struct Wiring {
-    /// The laser's serial port; it may be unplugged and plugged in again.
-    pub laser: PathBuf,
-    /// The host.
-    pub host: HostLine,
-    /// Chance that a frame on the host's line is damaged or lost, 0–1, and the seed of that.
-    pub faults: (f32, u64),
-}
 
 /// A port that is not there is tried again after this time.
 const REOPEN: Duration = Duration::from_millis(300);
@@ -68,8 +52,9 @@ const FIRST_BAUD: u32 = 9600;
 /// Runs a robot with memory of the size `M` until `stop` is set; `say` is told what happens on its lines.
 ///
 /// # Errors
-/// If the host's line cannot be opened at the start.
+/// If the host's line cannot be opened at the start, or is open to others and the robot has no key.
 pub fn serve<M: Pools>(wiring: &Wiring, stop: &Arc<AtomicBool>, say: &(dyn Fn(&str) + Sync)) -> Result<()> {
+    wiring.check()?;
     let mut lines = Lines::open(wiring, stop, say)?;
     // The pools pass over the stack once, on their way to the heap.
     let stack = 2 * size_of::<M>() + (4 << 20);
@@ -109,7 +94,9 @@ struct Lines<'s> {
     host_at: Instant,
     /// When the host was heard last.
     host_heard: Instant,
-    guest: Option<Guest>,
+    guests: Vec<Guest>,
+    /// Guests who did not know the key.
+    turned_away: u32,
     /// When the bytes of the laser came that the robot has now.
     laser_heard: Instant,
     to_host: FaultLink,
@@ -134,7 +121,8 @@ impl<'s> Lines<'s> {
             host: None,
             host_at: Instant::default(),
             host_heard: Instant::default(),
-            guest: None,
+            guests: Vec::new(),
+            turned_away: 0,
             laser_heard: Instant::default(),
             to_host: FaultLink::new(chance, seed),
             from_host: FaultLink::new(chance, seed ^ 0x5EED),
@@ -165,7 +153,14 @@ impl<'s> Lines<'s> {
     /// One life of the robot: until `stop`, or until it wants to start anew.
     fn run(&mut self, memory: RobotMemory<'_>, stop: &AtomicBool) {
         self.is_restart = false;
-        let mut robot = Robot::new("linux", self.clock.epoch(), memory);
+        let lock = match self.lock() {
+            Ok(lock) => lock,
+            Err(error) => {
+                (self.say)(&format!("{error:#}"));
+                return std::thread::sleep(WallDuration::from_secs(1));
+            }
+        };
+        let mut robot = Robot::new("linux", self.clock.epoch(), memory).with_lock(lock);
         let mut deadline = self.clock.now();
         for input in
             [self.laser.is_some().then_some(Input::LaserConnected), self.host.is_some().then_some(Input::LinkConnected)]
@@ -200,6 +195,7 @@ impl<'s> Lines<'s> {
     /// Opens serial ports that are gone.
     fn reopen(&mut self, robot: &mut Robot<'_>, mut deadline: Instant) -> Instant {
         let now = self.clock.now();
+        self.turn_late_guests_away(now);
         if self.laser.is_none() && now >= self.laser_at {
             self.laser_at = now + REOPEN;
             if let Ok(port) = Port::serial(&self.wiring.laser, FIRST_BAUD) {
@@ -257,22 +253,57 @@ impl<'s> Lines<'s> {
                 self.take(robot, Event::Host(generation, News::Gone), deadline)
             }
             Event::Guest(generation, News::Gone) => {
-                self.guest = self.guest.take().filter(|guest| guest.port.generation != generation);
+                self.guests.retain(|guest| guest.port.generation != generation);
                 deadline
             }
             Event::Laser(..) | Event::Host(..) => deadline,
         }
     }
 
-    /// Somebody comes by the network: a guest if there is a host.
+    /// Somebody comes by the network: a guest if there is a host, or if it is to prove that it has the key.
     fn come(&mut self, robot: &mut Robot<'_>, port: Port, deadline: Instant) -> Instant {
         let now = self.clock.now();
-        if self.host.is_some() && now.since(self.host_heard) < HOST_SILENT && !robot.is_host_silent() {
-            self.guest = self.plug(port, Event::Guest).map(|port| Guest::new(port, now));
-            return deadline;
+        if self.wiring.key.is_none() && !self.is_engaged(robot, now) {
+            let port = self.plug(port, Event::Host);
+            return self.attach(robot, port);
         }
-        let port = self.plug(port, Event::Host);
-        self.attach(robot, port)
+        // Without random numbers nobody can prove anything.
+        let Ok(lock) = self.lock() else { return deadline };
+        if self.guests.len() >= GUESTS_MAX {
+            self.guests.remove(0);
+            self.turn_away();
+        }
+        let port = self.plug(port, Event::Guest);
+        self.guests.extend(port.map(|port| Guest::new(port, now, lock)));
+        deadline
+    }
+
+    /// True if there is a host that is still there, as far as one knows.
+    fn is_engaged(&self, robot: &Robot<'_>, now: Instant) -> bool {
+        self.host.is_some() && now.since(self.host_heard) < HOST_SILENT && !robot.is_host_silent()
+    }
+
+    /// The robot's end of a link with a key, if it has one.
+    fn lock(&self) -> Result<Option<Lock>> {
+        let key = self.wiring.key.clone();
+        key.map(|key| Ok(Lock::of_robot(key, entropy()?))).transpose()
+    }
+
+    /// A guest has had its time, or its place is needed, and has not proved that it has the key.
+    fn turn_away(&mut self) {
+        if self.wiring.key.is_some() {
+            if self.turned_away == 0 {
+                (self.say)("somebody came who has not the robot's key, and was turned away; this is said once");
+            }
+            self.turned_away = self.turned_away.saturating_add(1);
+        }
+    }
+
+    fn turn_late_guests_away(&mut self, now: Instant) {
+        while let Some(at) = self.guests.iter().position(|guest| guest.is_late(now)) {
+            self.guests.remove(at);
+            self.turn_away();
+        }
     }
 
     /// A host comes, in place of another if there is one.
@@ -295,22 +326,25 @@ impl<'s> Lines<'s> {
         if is_of(&self.host, generation) {
             return self.take(robot, Event::Host(generation, News::Bytes(at, bytes.to_vec())), deadline);
         }
-        let Some(mut guest) = self.guest.take().filter(|guest| guest.port.generation == generation) else {
+        let Some(place) = self.guests.iter().position(|guest| guest.port.generation == generation) else {
             return deadline;
         };
-        match guest.hear(bytes) {
-            Introduction::None if !guest.is_late(at) => self.guest = Some(guest),
-            Introduction::Host(epoch) if robot.host_epoch() == Some(epoch) => {
-                let (port, heard) = guest.welcome();
-                self.attach(robot, Some(port));
-                return self.take(robot, Event::Host(generation, News::Bytes(at, heard)), deadline);
+        let said = self.guests.get_mut(place).map_or(Introduction::None, |guest| guest.hear(at, bytes));
+        let Introduction::Host(epoch) = said else {
+            if said == Introduction::Nonsense {
+                self.guests.remove(place);
+                self.turn_away();
             }
-            Introduction::Host(epoch) => {
-                (self.say)("another host came, and was told that there is one");
-                guest.send_away(epoch);
-            }
-            Introduction::None | Introduction::Nonsense => {}
+            return deadline;
+        };
+        let guest = self.guests.remove(place);
+        if robot.host_epoch() == Some(epoch) || !self.is_engaged(robot, at) {
+            let (port, heard) = guest.welcome();
+            self.attach(robot, Some(port));
+            return self.take(robot, Event::Host(generation, News::Bytes(at, heard)), deadline);
         }
+        (self.say)("another host came, and was told that there is one");
+        guest.send_away(epoch);
         deadline
     }
 

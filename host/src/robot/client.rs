@@ -7,6 +7,7 @@ use lrfslam_core::slam::SlamConfig;
 use lrfslam_core::time::Instant;
 use lrfslam_robot::RobotConfig;
 use lrfslam_robot::wire::frame::{DELIMITER, MAX_FRAME};
+use lrfslam_robot::wire::lock::Lock;
 use lrfslam_robot::wire::message::{Capacities, FromRobot, Status, TileUpdate, ToRobot};
 use lrfslam_robot::wire::session::{Foreign, Progress, QueueFullError, Received, Session, SessionMemory};
 
@@ -127,6 +128,13 @@ impl<'m> RobotClient<'m> {
             recalls: VecDeque::new(),
             allowance: (MESSAGES_AT_ONCE, None),
         }
+    }
+
+    /// The same for a robot that has a key, if it has one.
+    #[must_use]
+    pub fn with_lock(mut self, lock: impl Into<Option<Lock>>) -> Self {
+        self.session = self.session.with_lock(lock);
+        self
     }
 
     /// The session below.

@@ -6,6 +6,7 @@
 mod client;
 mod journal;
 mod judge;
+mod key;
 mod link;
 mod map;
 mod render;
@@ -14,6 +15,7 @@ mod sweeps;
 pub use client::{ClientMemory, Recall, RobotClient, RobotEvent, Told};
 pub use journal::{JOURNAL, Journal, Skipped};
 pub use judge::{Absurd, Judge};
+pub use key::{KeyFileError, entropy, new_key_file, read_key_file};
 pub use link::{LinkEvent, RobotLink};
 pub use map::{RobotMap, Tiles};
 pub use sweeps::{Sweeps, ToldSweep};

@@ -14,6 +14,8 @@ use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_host::robot::{ClientMemory, RobotClient, RobotEvent};
 use lrfslam_lrf::driver::NEVER;
 use lrfslam_robot::wire::frame::MAX_FRAME;
+use lrfslam_robot::wire::key::Key;
+use lrfslam_robot::wire::lock::Lock;
 use lrfslam_robot::wire::message::{Status, ToRobot};
 use lrfslam_robot::wire::session::SessionCounters;
 use lrfslam_robot::{Input, Robot, RobotConfig, RobotMemory};
@@ -54,6 +56,7 @@ pub struct RobotRig<D = Disk> {
     robot_deadline: Instant,
     host: Option<RobotClient<'static>>,
     host_epoch: u32,
+    key: Option<Key>,
     up: Line,
     down: Line,
 }
@@ -105,6 +108,7 @@ impl<D: HostDisk> RobotRig<D> {
             robot_deadline: Instant::default(),
             host: None,
             host_epoch: 0,
+            key: None,
             up: Line::new(LineFaults::default(), 0),
             down: Line::new(LineFaults::default(), 0),
         }
@@ -116,6 +120,29 @@ impl<D: HostDisk> RobotRig<D> {
         self.down = Line::new(faults, seed ^ 0x5EED);
     }
 
+    /// From their next start on robot and host have this key.
+    pub fn set_key(&mut self, key: Key) {
+        self.key = Some(key);
+        self.robot = self.new_robot();
+    }
+
+    /// A life of the robot, with the nonces of that life.
+    fn new_robot(&self) -> Robot<'static> {
+        let lock = self.key.clone().map(|key| Lock::of_robot(key, u128::from(self.robot_epoch).to_le_bytes()));
+        Robot::new("rig", self.robot_epoch, (self.make_memory)()).with_lock(lock)
+    }
+
+    /// Somebody at the line says this to the robot, and to the host.
+    pub fn put_in(&mut self, frame: &[u8]) {
+        self.give(Input::LinkBytes(frame));
+        self.up.send(self.now, frame);
+    }
+
+    /// Frames that the robot has refused, for want of the key.
+    pub fn refused(&self) -> u32 {
+        self.robot.refused()
+    }
+
     /// Robot and host are switched on.
     pub fn start(&mut self) {
         self.give(Input::LinkConnected);
@@ -125,7 +152,8 @@ impl<D: HostDisk> RobotRig<D> {
     fn start_host_on_disk(&mut self) {
         self.host_epoch += 100;
         let memory: &'static mut ClientMemory = Box::leak(Box::default());
-        let mut host = RobotClient::new(&self.config, self.host_epoch, self.disk.progress(), memory);
+        let mut host = RobotClient::new(&self.config, self.host_epoch, self.disk.progress(), memory)
+            .with_lock(self.key.clone().map(|key| Lock::of_host(key, u128::from(self.host_epoch).to_le_bytes())));
         host.session().connected(self.now);
         self.host = Some(host);
     }
@@ -149,7 +177,7 @@ impl<D: HostDisk> RobotRig<D> {
     pub fn reset_robot(&mut self) {
         self.plug_laser(false);
         self.robot_epoch += 1;
-        self.robot = Robot::new("rig", self.robot_epoch, (self.make_memory)());
+        self.robot = self.new_robot();
         self.give(Input::LinkConnected);
     }
 

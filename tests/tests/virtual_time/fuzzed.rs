@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use lrfslam_robot::RobotConfig;
+use lrfslam_robot::wire::frame::{MAX_FRAME, encode};
 use lrfslam_robot::wire::message::ToRobot;
 use lrfslam_robot::wire::session::{LAYOUT, Packet, VERSION};
 use lrfslam_tests::entries::{ENTRIES, piece};
@@ -66,6 +67,13 @@ fn packed(packet: &Packet<'_>) -> Vec<u8> {
     postcard::to_slice(packet, &mut memory).expect("it fits").to_vec()
 }
 
+/// A piece that is a whole frame already, so that its payload has any length.
+fn framed(payload: &[u8]) -> Vec<u8> {
+    let mut piece = piece(encode(payload, &mut [0; MAX_FRAME]).expect("it fits"));
+    piece[0] |= 1;
+    piece
+}
+
 /// What a host says at first, or a robot.
 fn conversation(messages: &[Vec<u8>]) -> Vec<u8> {
     let hello = Packet::Hello {
@@ -110,9 +118,13 @@ fn samples(entry: &str) -> Vec<Vec<u8>> {
             let mut memory = [0; 1200];
             let configure = ToRobot::Configure(RobotConfig::default());
             let configure = postcard::to_slice(&configure, &mut memory).expect("it fits").to_vec();
-            vec![conversation(&golden_messages("to robot: ")), conversation(&[configure])]
+            let locked = [&[65; 17][..], &[67; 60]].map(framed).concat();
+            vec![conversation(&golden_messages("to robot: ")), conversation(&[configure]), locked]
         }
-        "hosts" => vec![conversation(&golden_messages("from robot: "))],
+        "hosts" => {
+            let locked = [&[64][..], &[66; 49], &[67; 60]].map(framed).concat();
+            vec![conversation(&golden_messages("from robot: ")), locked]
+        }
         "recordings" => vec![std::fs::read(golden("LRFREC01.lrfrec")).expect("a golden file")],
         "maps" => vec![text("LRFMAP04"), vec![0; 64]],
         "journals" => {

@@ -11,13 +11,13 @@ use lrfslam_robot::{LaserConfig, LaserFamily, RobotConfig};
 use lrfslam_tests::robot_rig::{Life, LineFaults, RobotRig};
 
 /// Until then the robot is configured, whatever the line does.
-const LASER_AT: Duration = Duration::from_millis(6000);
+pub const LASER_AT: Duration = Duration::from_millis(6000);
 /// From plugging the laser in to plugging it out: some 170 scans.
-const DRIVE: Duration = Duration::from_millis(20_000);
+pub const DRIVE: Duration = Duration::from_millis(20_000);
 const QUARTER: Duration = Duration::from_millis(5000);
 
 /// A search that is done in a tenth of the time of the default one.
-fn config() -> RobotConfig {
+pub fn config() -> RobotConfig {
     let laser = LaserConfig { family: LaserFamily::Hokuyo, baud: 0, cluster: 2 };
     let mut config = RobotConfig { laser, ..RobotConfig::default() };
     (config.slam.de.population, config.slam.de.generations) = (20, 15);
@@ -34,7 +34,7 @@ fn rig(faults: LineFaults, seed: u64) -> RobotRig {
 }
 
 /// Plugs the laser out, and has the robot tell all of its map.
-fn finish(rig: &mut RobotRig) {
+pub fn finish(rig: &mut RobotRig) {
     rig.plug_laser(false);
     rig.ask(&ToRobot::Stop);
     rig.run_until(|rig| rig.disk.lives.last().is_some_and(|life| life.map.is_complete()));
@@ -59,7 +59,7 @@ fn check_order(life: &Life) {
     assert_eq!(life.numbers, expected, "every message once and in order");
 }
 
-fn check_same(life: &Life, wanted: &Life) {
+pub fn check_same(life: &Life, wanted: &Life) {
     check_order(life);
     assert_eq!(life.map.missing_scans(), 0);
     assert!(life.map.is_from_start());
@@ -67,7 +67,7 @@ fn check_same(life: &Life, wanted: &Life) {
     assert_eq!(life.map.path(), wanted.map.path());
 }
 
-fn good() -> Life {
+pub fn good() -> Life {
     let mut rig = rig(LineFaults::default(), 1);
     drive(&mut rig);
     assert_eq!((rig.faults(), rig.host_counters().frames.damaged, rig.disk.lives.len()), (0, 0, 1));

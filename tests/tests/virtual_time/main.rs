@@ -4,6 +4,7 @@ mod closing_loops;
 mod encodings;
 mod fuzzed;
 mod hil_virtual;
+mod keys;
 mod larger_than_memory;
 mod link_faults;
 mod map3d;

@@ -8,6 +8,7 @@ use super::paging::Paging;
 use super::pools::RobotMemory;
 use super::report::MapReport;
 use super::sweep_report::SweepReport;
+use crate::wire::lock::Lock;
 use crate::wire::message::{Capacities, FromRobot, Health, PARTICLES_MAX, ScanPose, Status};
 use crate::wire::session::{QueueFullError, Session, SessionMemory};
 use lrfslam_core::scan::{Beam, RangeScan};
@@ -150,22 +151,19 @@ impl<'m> Robot<'m> {
         }
     }
 
+    /// The same for a robot that speaks only with a host that has its key, if it has one.
+    #[must_use]
+    pub fn with_lock(mut self, lock: impl Into<Option<Lock>>) -> Self {
+        self.link = self.link.with_lock(lock);
+        self
+    }
+
     /// The mapping, once it is configured.
     pub fn mapping(&self) -> Option<&Mapping<'m>> {
         match &self.work {
             Work::Mapping(running) => Some(&running.mapping),
             Work::Waiting(_) | Work::Nothing => None,
         }
-    }
-
-    /// The host that it talks to, or talked to last.
-    pub fn host_epoch(&self) -> Option<u32> {
-        self.link.progress().map(|host| host.epoch)
-    }
-
-    /// True if the host has something to acknowledge, and has not for some seconds.
-    pub fn is_host_silent(&self) -> bool {
-        self.link.is_silent()
     }
 
     /// Takes one input, and gives what follows from it to `ports`; returns when [`Input::Timeout`] is due.
@@ -182,7 +180,7 @@ impl<'m> Robot<'m> {
             Input::LaserBytes(bytes) => self.give_laser_bytes(now, bytes, ports),
             Input::LinkConnected => self.link.connected(now),
             Input::LinkDisconnected => self.link.disconnected(),
-            Input::LinkBytes(bytes) => self.take_link(now, bytes, ports),
+            Input::LinkBytes(bytes) => self.hear_host(now, bytes, ports),
             Input::Timeout => self.on_timeout(now, ports),
         }
         self.tell_host(now, ports);
@@ -379,7 +377,7 @@ fn remember(said: &mut Said, event: &Event<'_>) {
 }
 
 /// When it says more than fits, the oldest goes.
-fn say(said: &mut Said, words: core::fmt::Arguments<'_>) {
+pub(super) fn say(said: &mut Said, words: core::fmt::Arguments<'_>) {
     let mut text = heapless::String::new();
     // A text that does not fit is cut.
     let _ = text.write_fmt(words);

@@ -4,7 +4,7 @@ use core::fmt::Write as _;
 
 use super::fit::misfit;
 use super::laser::Laser;
-use super::machine::{Answer, Ports, Robot, Running, Work, tell_path};
+use super::machine::{Answer, Ports, Robot, Running, Work, say, tell_path};
 use super::mapping::Mapping;
 use super::paging::{Paging, TileCounts};
 use crate::config::RobotConfig;
@@ -34,9 +34,33 @@ enum Request {
 }
 
 impl Robot<'_> {
+    /// The host that it talks to, or talked to last.
+    pub fn host_epoch(&self) -> Option<u32> {
+        self.link.progress().map(|host| host.epoch)
+    }
+
+    /// Frames that came without its key since the start; 0 if it has none.
+    pub fn refused(&self) -> u32 {
+        self.link.counters().refused
+    }
+
+    /// True if the host has something to acknowledge, and has not for some seconds.
+    pub fn is_host_silent(&self) -> bool {
+        self.link.is_silent()
+    }
+
+    /// Takes what the host says, and says once that others are not heard.
+    pub(super) fn hear_host(&mut self, now: Instant, bytes: &[u8], ports: &mut impl Ports) {
+        let before = self.refused();
+        self.take_link(now, bytes, ports);
+        if before == 0 && self.refused() > 0 {
+            say(&mut self.said, format_args!("what came without the right key was refused; this is said once"));
+        }
+    }
+
     // Not in one stack frame with the mapping of a scan.
     #[inline(never)]
-    pub(super) fn take_link(&mut self, now: Instant, bytes: &[u8], ports: &mut impl Ports) {
+    fn take_link(&mut self, now: Instant, bytes: &[u8], ports: &mut impl Ports) {
         let mut rest = bytes;
         while !rest.is_empty() {
             let (taken, received) = self.link.take(now, rest);

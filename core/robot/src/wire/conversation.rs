@@ -226,6 +226,19 @@ impl<'m> Conversation<'m> {
         }
     }
 
+    /// The other end may hear it now.
+    pub(super) fn introduce(&mut self) {
+        self.owes_hello = true;
+    }
+
+    /// True if a hello would be sent now; where a key is still to be shown, that comes first, and the hello again later.
+    pub(super) fn introduces_itself(&mut self, now: Instant) -> bool {
+        if !self.is_live && now >= self.hello_at {
+            self.on_timeout(now);
+        }
+        core::mem::take(&mut self.owes_hello)
+    }
+
     pub(super) fn next_packet(&mut self, now: Instant) -> Option<Packet<'_>> {
         if !self.is_live && now >= self.hello_at {
             self.on_timeout(now);

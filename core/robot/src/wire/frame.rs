@@ -8,8 +8,12 @@
 use cobs::CobsEncoder;
 use crc::{CRC_32_ISO_HDLC, Crc};
 
+/// Longest packet, bytes.
+pub const MAX_PACKET: usize = 1024;
+/// What a link with a key adds to a packet, bytes: the kind of the payload, a number and a tag.
+pub const SEAL_BYTES: usize = 1 + 4 + 16;
 /// Longest payload, bytes.
-pub const MAX_PAYLOAD: usize = 1024;
+pub const MAX_PAYLOAD: usize = MAX_PACKET + SEAL_BYTES;
 /// Longest frame with CRC, COBS and delimiter, bytes: the memory to lend for one.
 pub const MAX_FRAME: usize = MAX_PAYLOAD + CRC_BYTES + (MAX_PAYLOAD + CRC_BYTES) / 254 + 2;
 const CRC_BYTES: usize = 4;

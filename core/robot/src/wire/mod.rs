@@ -1,6 +1,7 @@
 //! The link between the robot and its host: what is said, how it is framed, and how nothing that matters is lost.
 //!
-//! [`message`] (postcard, a scan by [`sweep`]) → [`session`] (sequence numbers, acknowledgement, credit) → [`frame`] (CRC-32, COBS, 0x00) → bytes.
+//! [`message`] (postcard, a scan by [`sweep`]) → [`session`] (sequence numbers, acknowledgement, credit) → [`lock`], if there is a [`key`] →
+//! [`frame`] (CRC-32, COBS, 0x00) → bytes.
 //!
 //! The same code runs at both ends and is sans-IO: bytes and the time go in, frames come out. `docs/robot-link.md` is the
 //! specification, with bytes that tests hold this code to.
@@ -13,6 +14,8 @@
 
 mod conversation;
 pub mod frame;
+pub mod key;
+pub mod lock;
 pub mod message;
 mod packet;
 mod queue;

@@ -10,9 +10,9 @@ pub const VERSION: u16 = 8;
 /// Fingerprint of the configuration that a robot is given: as this program has it.
 pub const LAYOUT: u32 = RobotConfig::LAYOUT;
 /// Number of [`Packet::Hello`], in every version.
-const HELLO: u32 = 0;
+pub(super) const HELLO: u32 = 0;
 
-/// What is in a frame.
+/// What is in a frame; with a key, what is sealed in it ([`lock`](super::lock), whose own payloads begin with 64 to 67).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Packet<'a> {
     /// Begins a session, and asks for an answer if the other end is not known.
@@ -79,6 +79,15 @@ pub enum Foreign {
     /// It speaks the same version, and means another configuration: a build between two versions.
     #[error("the robot's program has another configuration layout: build both from the same version")]
     Layout,
+    /// It speaks with who has its key, and this end has none.
+    #[error("this robot wants a key: --key-file")]
+    WantsKey,
+    /// It has no key, and this end speaks with one that has.
+    #[error("this robot has no key, and was to have one: start it with the key, or leave --key-file out")]
+    NoKey,
+    /// It has another key.
+    #[error("this robot has another key than this program: the same is to be at both ends")]
+    OtherKey,
 }
 
 impl Foreign {

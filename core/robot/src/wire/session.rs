@@ -13,11 +13,14 @@
 //! [`take`](Session::take) every byte and [`timeout`](Session::timeout) at [`deadline`](Session::deadline); whenever the port has room for a
 //! frame, [`poll_transmit`](Session::poll_transmit) until it gives none. A message that `take` returned is acknowledged by the
 //! next `poll_transmit`: who must not lose it stores it before.
+//!
+//! With a key ([`with_lock`](Session::with_lock)) all this is said under seals, and nobody else is heard.
 
 use serde::{Deserialize, Serialize};
 
 use super::conversation::Conversation;
-use super::frame::{FrameCounters, FrameDecoder, MAX_FRAME, encode};
+use super::frame::{FrameCounters, FrameDecoder, MAX_FRAME, MAX_PACKET, encode};
+use super::lock::{self, Heard, Lock};
 pub use super::packet::{Foreign, LAYOUT, Packet, VERSION};
 pub use super::queue::QueueFullError;
 use lrfslam_core::time::Instant;
@@ -67,6 +70,8 @@ pub struct SessionCounters {
     pub early: u32,
     /// Times that messages were sent again.
     pub resends: u32,
+    /// Frames that came without the right key, or again; 0 where no key is asked for.
+    pub refused: u32,
 }
 
 /// Memory of a [`Session`], lent by the caller.
@@ -84,6 +89,7 @@ pub struct Session<'m> {
     decoder: FrameDecoder<'m>,
     /// Lives beside the decoder, so that a frame can be read in place.
     conversation: Conversation<'m>,
+    lock: Option<Lock>,
 }
 
 impl<'m> Session<'m> {
@@ -93,18 +99,27 @@ impl<'m> Session<'m> {
     /// * `resume` — how far an earlier run of this end had come with the other one
     pub fn new(epoch: u32, resume: Option<Progress>, memory: SessionMemory<'m>) -> Self {
         let conversation = Conversation::new(epoch, resume, memory.queue);
-        Self { decoder: FrameDecoder::new(memory.frame), conversation }
+        Self { decoder: FrameDecoder::new(memory.frame), conversation, lock: None }
+    }
+
+    /// The same for an end that speaks only with who has its key, if it has one.
+    #[must_use]
+    pub fn with_lock(mut self, lock: impl Into<Option<Lock>>) -> Self {
+        self.lock = lock.into();
+        self
     }
 
     /// The link is open (again).
     pub fn connected(&mut self, now: Instant) {
         self.decoder.forget();
+        self.lock.iter_mut().for_each(Lock::close);
         self.conversation.connected(now);
     }
 
     /// The link is gone.
     pub fn disconnected(&mut self) {
         self.decoder.forget();
+        self.lock.iter_mut().for_each(Lock::close);
         self.conversation.disconnected();
     }
 
@@ -145,7 +160,8 @@ impl<'m> Session<'m> {
 
     /// What happened so far.
     pub fn counters(&self) -> SessionCounters {
-        SessionCounters { frames: self.decoder.counters(), ..self.conversation.counters }
+        let refused = self.lock.as_ref().map_or(0, Lock::refused);
+        SessionCounters { frames: self.decoder.counters(), refused, ..self.conversation.counters }
     }
 
     /// How many messages the other end may send ahead from now on; 0 stops it.
@@ -177,6 +193,19 @@ impl<'m> Session<'m> {
     pub fn take(&mut self, now: Instant, bytes: &[u8]) -> (usize, Option<Received<'_>>) {
         let (taken, payload) = self.decoder.take(bytes);
         let Some(payload) = payload else { return (taken, None) };
+        let heard = match &mut self.lock {
+            Some(lock) => lock.hear(now, payload),
+            None => hear_without_key(payload),
+        };
+        let payload = match heard {
+            Heard::Packet(packet) => packet,
+            Heard::Foreign(why) => return (taken, Some(Received::Foreign(why))),
+            Heard::Opened => {
+                self.conversation.introduce();
+                return (taken, None);
+            }
+            Heard::Nothing => return (taken, None),
+        };
         if let Some(foreign) = Foreign::of_hello(payload) {
             return (taken, Some(Received::Foreign(foreign)));
         }
@@ -197,11 +226,42 @@ impl<'m> Session<'m> {
     /// The next frame, in `memory` ([`MAX_FRAME`]); `None` if there is nothing to send now.
     pub fn poll_transmit<'b>(&mut self, now: Instant, memory: &'b mut [u8]) -> Option<&'b [u8]> {
         let mut payload = [0; MAX_FRAME];
-        let length = {
-            let packet = self.conversation.next_packet(now)?;
-            postcard::to_slice(&packet, &mut payload).ok()?.len()
+        let length = match &mut self.lock {
+            Some(lock) => {
+                if !lock.is_open() && self.conversation.introduces_itself(now) {
+                    lock.ask(now);
+                }
+                match lock.poll(&mut payload) {
+                    Some(length) => length,
+                    None if !lock.is_open() => return None,
+                    None => {
+                        let length = next_packet(&mut self.conversation, now, payload.get_mut(Lock::HEAD..)?)?;
+                        lock.seal(&mut payload, length)?
+                    }
+                }
+            }
+            None => next_packet(&mut self.conversation, now, &mut payload)?,
         };
-        self.conversation.on_sent(now);
         encode(payload.get(..length)?, memory)
     }
+}
+
+/// What an end without a key makes of a payload.
+fn hear_without_key(payload: &[u8]) -> Heard<'_> {
+    match payload {
+        [lock::WANTED] => Heard::Foreign(Foreign::WantsKey),
+        // It is told that there is none.
+        [lock::KNOCK, ..] => Heard::Opened,
+        _ => Heard::Packet(payload),
+    }
+}
+
+/// Writes the next packet to the front of `memory`, and takes it for sent; returns its length.
+fn next_packet(conversation: &mut Conversation<'_>, now: Instant, memory: &mut [u8]) -> Option<usize> {
+    let length = {
+        let packet = conversation.next_packet(now)?;
+        postcard::to_slice(&packet, memory.get_mut(..MAX_PACKET)?).ok()?.len()
+    };
+    conversation.on_sent(now);
+    Some(length)
 }

@@ -13,6 +13,7 @@ use stm32h7xx_hal::independent_watchdog::IndependentWatchdog;
 use stm32h7xx_hal::pac::{self, interrupt};
 use stm32h7xx_hal::prelude::*;
 use stm32h7xx_hal::rcc::PllConfigStrategy;
+use stm32h7xx_hal::rng::Rng;
 
 use super::{LASER, LINK, Vitals, start_ticks};
 use crate::port::Port;
@@ -39,6 +40,7 @@ fn link_uart() -> &'static Usart {
 /// See the [module](self).
 pub struct Board {
     timer: pac::TIM2,
+    random: Rng,
     watchdog: IndependentWatchdog,
     uart_clock_hz: u32,
     /// Clock at the last look, and its wraps.
@@ -71,6 +73,7 @@ impl Board {
         let usart = device.USART3.serial(link, LINK_BAUD.bps(), clocks.peripheral.USART3, &clocks.clocks);
         usart.expect("a rate that the clock can make").listen(stm32h7xx_hal::serial::Event::Rxne);
 
+        let random = device.RNG.constrain(clocks.peripheral.RNG, &clocks.clocks);
         let timer = device.TIM2.tick_timer(1.MHz(), clocks.peripheral.TIM2, &clocks.clocks).free().0;
 
         start_ticks(&mut core.SYST, 480_000);
@@ -81,7 +84,8 @@ impl Board {
         }
         let mut watchdog = IndependentWatchdog::new(device.IWDG);
         watchdog.start(WATCHDOG_MS.millis());
-        Self { timer, watchdog, uart_clock_hz: clocks.clocks.pclk1().raw(), last: 0, wraps: 0, vitals: Vitals::begin() }
+        let uart_clock_hz = clocks.clocks.pclk1().raw();
+        Self { timer, random, watchdog, uart_clock_hz, last: 0, wraps: 0, vitals: Vitals::begin() }
     }
 
     /// The clock; to be read more often than it wraps, every 71 minutes.
@@ -90,6 +94,16 @@ impl Board {
         self.wraps += i64::from(count < self.last);
         self.last = count;
         Instant::from_micros((self.wraps << 32) + i64::from(count))
+    }
+
+    /// What nonces are made of: random numbers of the board.
+    ///
+    /// # Panics
+    /// If its generator fails: then the board starts anew.
+    pub fn entropy(&mut self) -> [u8; 16] {
+        let mut bytes = [0; 16];
+        self.random.fill(&mut bytes).expect("random numbers");
+        bytes
     }
 
     /// The program is alive.

@@ -12,6 +12,7 @@ use lrfslam_robot::{LaserConfig, LaserFamily};
 
 use self::book::Book;
 use super::Failure;
+use super::key::RobotKeyArgs;
 use super::laser::{EndArgs, interrupt_flag, parse_baud, say};
 use super::live_scans::ended;
 use super::monitor::MonitorArgs;
@@ -36,6 +37,8 @@ pub(super) struct AttachArgs {
     /// Rate of a serial port, bit/s.
     #[arg(long, value_name = "N", default_value_t = 921_600)]
     link_baud: u32,
+    #[command(flatten)]
+    key: RobotKeyArgs,
     #[arg(long, value_enum, help = LRF)]
     lrf: RobotLaser,
     /// Rate to which the robot raises its laser if it is slower, bit/s; auto is what every cable can.
@@ -113,14 +116,14 @@ impl AttachArgs {
 
 pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
     let stop = interrupt_flag().map_err(Failure::Start)?;
-    let config = args.config()?;
+    let (config, lock) = (args.config()?, args.key.lock()?);
     let watched = args.monitor.watched(("attach", args.port.to_string(), None), config.map, stop)?;
     let mut book = Book::open(args, &config, watched)?;
     book.watched.open(false, args.tell)?;
     let mut memory = ClientMemory::default();
     let robot = config.robot(args.seed.seed, args.laser());
     let resume = book.run.as_ref().and_then(RobotRun::progress);
-    let mut client = RobotClient::new(&robot, this_epoch(), resume, &mut memory);
+    let mut client = RobotClient::new(&robot, this_epoch(), resume, &mut memory).with_lock(lock);
     if args.restart {
         client.ask(&ToRobot::Restart).map_err(Failure::start)?;
     }

@@ -23,6 +23,7 @@ mod experiment_envelope;
 mod experiment_starts;
 #[cfg(feature = "experiments")]
 mod experiment_sweep;
+mod key;
 mod landmarks;
 mod laser;
 #[cfg(feature = "monitor")]
@@ -87,6 +88,7 @@ enum Command {
     Run(run::RunArgs),
     Replay(replay::ReplayArgs),
     Attach(Box<attach::AttachArgs>),
+    Key(key::KeyArgs),
     Watch(watch::WatchArgs),
     Lrf(lrf::LrfArgs),
     Landmarks(Box<landmarks::LandmarksArgs>),
@@ -170,6 +172,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Run(args) => run::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Attach(args) => attach::run(args),
+        Command::Key(args) => key::run(args),
         Command::Watch(args) => watch::run(args),
         Command::Lrf(args) => lrf::run(args),
         Command::Landmarks(args) => landmarks::run(args),

@@ -19,6 +19,7 @@ use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
 use lrfslam_robot::StandardPools;
 use lrfslam_robot::wire::frame::{MAX_FRAME, encode};
+use lrfslam_robot::wire::key::Key;
 use lrfslam_robot::wire::session::{LAYOUT, Packet, VERSION};
 
 /// A robot and its laser, until dropped.
@@ -32,6 +33,11 @@ pub struct Bench {
 impl Bench {
     /// The host's line is a pseudo-terminal in `folder`, or TCP; so many of its frames are damaged.
     pub fn new(folder: &Path, is_tcp: bool, damage: f32) -> Self {
+        Self::with_key(folder, is_tcp, damage, None)
+    }
+
+    /// The same of a robot that may have a key.
+    pub fn with_key(folder: &Path, is_tcp: bool, damage: f32, key: Option<Key>) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let laser = folder.join("laser");
         let terminal = folder.join("robot");
@@ -39,7 +45,7 @@ impl Bench {
             true => HostLine::Tcp(SocketAddr::from(([127, 0, 0, 1], 0))),
             false => HostLine::Terminal(terminal.clone()),
         };
-        let wiring = Wiring { laser: laser.clone(), host, faults: (damage, 5) };
+        let wiring = Wiring { laser: laser.clone(), host, key, faults: (damage, 5) };
         let (say, said) = channel();
         let flags = [stop.clone(), stop.clone()];
         let [laser_stop, robot_stop] = flags;

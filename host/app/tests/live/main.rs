@@ -12,6 +12,7 @@ mod doctor;
 mod fed;
 #[cfg(feature = "demo")]
 mod keeps;
+mod keys;
 mod kills;
 mod laser;
 #[path = "../cli/map_server.rs"]
