@@ -19,7 +19,8 @@ const CHUNK: usize = 256;
 
 /// The host's key, if LRFSLAM_KEY had one when this was built.
 const KEY: Option<Key> = match option_env!("LRFSLAM_KEY") {
-    None | Some("") => None,
+    None => None,
+    Some(digits) if digits.is_empty() => None,
     Some(digits) => match Key::from_hex(digits) {
         None => panic!("LRFSLAM_KEY: 64 hexadecimal digits, as `lrfslam key` makes them"),
         key => key,

@@ -1,6 +1,6 @@
 //! A link with a key: who does not know it is not listened to, and nobody can put words into a conversation or repeat an old one.
 //!
-//! The robot asks for a knock ([`WANTED`]). The host **knocks** with a nonce. The robot answers with a **challenge**: a nonce of its own, and a tag
+//! The robot asks for a knock (`WANTED`). The host **knocks** with a nonce. The robot answers with a **challenge**: a nonce of its own, and a tag
 //! over both that proves that it has the key. Both ends make two keys of the nonces, one for each way, and all that follows is **sealed** with
 //! them: a number that only grows, the packet, and a tag over both. The host's first sealed packet is its proof.
 //!

@@ -51,8 +51,8 @@ pub(super) fn run(args: &WatchArgs) -> Result<(), Failure> {
 /// Prints what the robots tell, as it comes.
 fn print_lines(links: &[Remote], stop: &AtomicBool) {
     let (tell, told) = channel();
-    for link in links.iter().cloned() {
-        let tell = tell.clone();
+    for link in links {
+        let (link, tell) = (link.clone(), tell.clone());
         std::thread::spawn(move || follow(&link, &tell));
     }
     while !stop.load(Ordering::Relaxed) {
