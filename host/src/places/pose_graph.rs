@@ -85,6 +85,18 @@ impl Edge {
         Self { from: self.from, to: next.to, from_to, information, is_closure: false }
     }
 
+    /// The same measured from the other end.
+    fn reversed(&self) -> Self {
+        let z = self.from_to;
+        let (sin, cos) = z.heading.sin_cos();
+        let (by_x, by_y) = (sin * z.x - cos * z.y, cos * z.x + sin * z.y);
+        let turned = Matrix3::new(-cos, -sin, by_x, sin, -cos, by_y, 0.0, 0.0, -1.0);
+        // Of the inverse of the transform, which is the Jacobian of the way back.
+        let back = turned.try_inverse().unwrap_or_else(Matrix3::identity);
+        let information = back.transpose() * self.information * back;
+        Self { from: self.to, to: self.from, from_to: z.between(PoseF64::default()), information, ..*self }
+    }
+
     fn linearise(&self, from: PoseF64, to: PoseF64) -> Linear {
         let (sin, cos) = from.heading.sin_cos();
         let (dx, dy) = (to.x - from.x, to.y - from.y);
@@ -138,8 +150,8 @@ impl PoseGraph {
         &self.edges
     }
 
-    /// Takes a node out of what is solved: it moves with the older node `on` from now on, and the way that leads through it joins its
-    /// neighbours. The closures at the node are forgotten. False if that cannot be: it is no plain part of a way.
+    /// Takes a node out of what is solved: it moves with the older node `on` from now on, and the way that led through it leads through
+    /// there. Its closures are forgotten. False if that cannot be: it is no plain part of a way.
     ///
     /// * `information` — how surely the node lies there, seen from `on`
     pub fn hang(&mut self, node: usize, on: usize, information: Matrix3<f64>) -> bool {
@@ -147,18 +159,29 @@ impl PoseGraph {
         let of_node: Vec<usize> = (0..self.edges.len()).filter(at).collect();
         let of_way: Vec<&Edge> =
             of_node.iter().map(|&index| &self.edges[index]).filter(|edge| !edge.is_closure).collect();
-        let way = match of_way[..] {
-            [a, b] if a.to == node && b.from == node => Some(a.followed_by(b)),
-            [b, a] if a.to == node && b.from == node => Some(a.followed_by(b)),
-            _ => None,
+        let held = Edge {
+            from: on,
+            to: node,
+            from_to: self.nodes[on].between(self.nodes[node]),
+            information,
+            is_closure: false,
         };
-        let Some(way) = way.filter(|_| on < node && of_way.iter().all(|edge| !edge.is_break() && !edge.is_hanging()))
-        else {
+        let (to, from) = match of_way[..] {
+            [a, b] | [b, a] if a.to == node && b.from == node => (*a, *b),
+            _ => return false,
+        };
+        let is_from_new = to.from + 1 == to.to;
+        let is_older = on < node && !(is_from_new && on >= to.from);
+        if !is_older || of_way.iter().any(|edge| edge.is_break() || edge.is_hanging()) {
             return false;
-        };
+        }
         self.remove_edges(&of_node);
         let from_to = self.nodes[node].between(self.nodes[on]);
-        self.edges.push(way);
+        self.edges.push(held.followed_by(&from));
+        // Where the way comes from new ground, that is tied to the old here. One that comes from old ground came from where the last node hung.
+        if is_from_new {
+            self.edges.push(held.followed_by(&to.reversed()));
+        }
         self.edges.push(Edge { from: node, to: on, from_to, information, is_closure: false });
         true
     }

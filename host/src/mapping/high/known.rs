@@ -4,7 +4,8 @@
 //! # Criterion
 //! A scan tells nothing new if it was taken within [`NEAR_M`] and [`NEAR_DEG`] of scans of [`VISITS`] earlier visits, whose places the graph
 //! is as sure of as the low level's map asks. A segment all of whose scans are such is known. Once it is a few segments old, the nodes between
-//! known segments leave the graph and [hang](crate::places::pose_graph::PoseGraph::hang) on the nearest node of an earlier visit; its closures go.
+//! known segments that closures tie to older ground leave the graph and [hang](crate::places::pose_graph::PoseGraph::hang) on the nearest node of
+//! an earlier visit.
 //! A place of a plane and a direction holds no more than that many visits, so the graph is bounded by the area.
 //!
 //! # What changes in a building
@@ -18,6 +19,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::placing::{REFERENCE_SIGMA_M, apart};
 use super::{HighSlam, WAITING_SEGMENTS};
+use crate::places::pose_graph::Edge;
 use crate::places::{Reach, reach_from};
 
 /// Two scans this near each other, m …
@@ -87,6 +89,10 @@ impl HighSlam<'_> {
     }
 
     fn hang(&mut self, node: usize, mapped: &[usize]) {
+        let is_tied = |edge: &Edge| edge.is_closure && [edge.from, edge.to].contains(&node);
+        if !self.graph.edges().iter().any(is_tied) {
+            return;
+        }
         let nodes = self.graph.nodes();
         let distance = |k: &usize| nodes[*k].between(nodes[node]).distance_m();
         let Some(&on) = mapped.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))) else { return };

@@ -36,8 +36,6 @@ const WINDOW_MAX_M: f32 = 15.0;
 const WINDOW_MAX_DEG: f32 = 25.0;
 /// The low level's map holds what is this certain as seen from the robot, m (one standard deviation) …
 pub(super) const REFERENCE_SIGMA_M: f32 = 0.2;
-/// … until it is less certain than this: what is at the edge would come and go with every closure, m …
-const REFERENCE_LEAVES_M: f32 = 0.3;
 /// … and in any case the latest path of so much travel, m …
 const REFERENCE_TRAVEL_M: f32 = 20.0;
 /// … but nothing farther away than this, m …
@@ -230,7 +228,7 @@ impl HighSlam<'_> {
         let recent = *self.segments_about(last, REFERENCE_TRAVEL_M, 0.0).start();
         for k in 0..self.segments.len() {
             let used = self.reference.pose(k);
-            let sigma_max = f64::from(if used.is_some() { REFERENCE_LEAVES_M } else { REFERENCE_SIGMA_M });
+            let sigma_max = f64::from(REFERENCE_SIGMA_M);
             let is_sure = k >= recent || reached[k].is_some_and(|reach| reach.position_m() <= sigma_max);
             let distance = nodes[node].between(nodes[k]).distance_m();
             if is_sure && distance <= REFERENCE_DISTANCE_M {
