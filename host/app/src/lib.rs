@@ -3,3 +3,9 @@
 
 pub mod cli;
 pub mod config;
+mod held;
+#[cfg(feature = "tui")]
+mod tui;
+#[cfg(not(feature = "tui"))]
+#[path = "no_tui.rs"]
+mod tui;

@@ -1,6 +1,5 @@
 //! What the commands with a laser share: its arguments, ctrl-C, and words on the way.
 
-use std::io::Write as _;
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -11,6 +10,7 @@ use lrfslam_lrf::sick_lms::Variant;
 
 use super::Failure;
 use super::shared::{LRF, PORT, SECONDS};
+use crate::held;
 use lrfslam_host::scans::family::{LrfFamily, LrfOptions};
 use lrfslam_host::scans::link::Address;
 use lrfslam_host::scans::live::{LiveLaser, NoLaser};
@@ -157,6 +157,7 @@ pub fn interrupt_flag() -> anyhow::Result<&'static AtomicBool> {
     let mut caught = Ok(());
     let stop = || {
         if STOP.swap(true, Ordering::Relaxed) {
+            held::release();
             std::process::exit(130);
         }
     };
@@ -165,9 +166,9 @@ pub fn interrupt_flag() -> anyhow::Result<&'static AtomicBool> {
     Ok(&STOP)
 }
 
-/// Words for the user, on standard error; with that closed there is nobody left to tell.
+/// Words for the user, on standard error.
 pub(super) fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    held::say(text);
 }
 
 #[cfg(test)]

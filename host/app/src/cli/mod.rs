@@ -62,12 +62,14 @@ pub use self::out::{OutArgs, SaveArgs};
 pub use self::shared::{ConfigArgs, JsonArgs, SeedArgs, TellArgs};
 
 use std::ffi::OsString;
-use std::io::{self, ErrorKind, Write};
+use std::io::ErrorKind;
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 use lrfslam_host::input::printable::printable_lines;
 use lrfslam_host::program::Program;
+
+use crate::held;
 
 /// Laser SLAM without odometry.
 ///
@@ -192,8 +194,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(Failure::NotFound(error) | Failure::Unwell(error)) => (error, 3),
         Err(Failure::Interrupted(error)) => (error, 130),
     };
-    // With stderr closed too there is nobody left to tell.
-    let _ = writeln!(io::stderr(), "lrfslam: {}", printable_lines(&cut(&in_one_line(&error))));
+    held::say(&format!("lrfslam: {}", printable_lines(&cut(&in_one_line(&error)))));
     ExitCode::from(code)
 }
 
@@ -217,8 +218,7 @@ fn in_one_line(error: &anyhow::Error) -> String {
 
 /// Writes `text` to stdout; a reader that has gone away is no fault.
 fn print(text: &str) -> Result<(), Failure> {
-    let mut out = io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+    match held::print(text) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
             Err(Failure::work(anyhow::Error::new(error).context("standard output cannot be written")))
         }

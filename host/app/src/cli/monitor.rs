@@ -1,16 +1,20 @@
-//! `--monitor`: a run is watched while it works.
+//! `--monitor` and `--tui`: a run is watched while it works.
 
+use std::cell::RefCell;
+use std::io::IsTerminal as _;
 use std::net::SocketAddr;
 use std::sync::atomic::AtomicBool;
 
+use anyhow::Context as _;
 use clap::Args;
 use lrfslam_host::maps::occupancy::MapConfig;
 use lrfslam_host::monitor::{About, Feed, Monitor};
 use lrfslam_host::scans::live::Say;
 
-use super::Failure;
 use super::live_page::{parse_address, serve};
 use super::shared::TellArgs;
+use super::{Failure, not_built_in};
+use crate::tui::{self, Screen};
 
 /// A live page.
 #[derive(Debug, Clone, Copy, Args)]
@@ -25,6 +29,11 @@ pub struct MonitorArgs {
     /// After the end, keep the page until ctrl-C.
     #[arg(long, requires = "monitor")]
     monitor_stay: bool,
+    /// Watch in this terminal, as over ssh: map, robot, path and how things stand, with keys to pause, save and stop.
+    ///
+    /// What is said meanwhile comes when the view is left.
+    #[arg(long)]
+    tui: bool,
 }
 
 impl MonitorArgs {
@@ -37,22 +46,53 @@ impl MonitorArgs {
         map: MapConfig,
         stop: &'static AtomicBool,
     ) -> Result<Watched, Failure> {
-        let Some(address) = self.monitor else { return Ok(Watched::nobody(stop)) };
+        if self.tui {
+            ensure_terminal()?;
+        }
+        if self.monitor.is_none() && !self.tui {
+            return Ok(Watched::nobody(stop));
+        }
         let about = About { what: what.to_owned(), source: source.clone(), frame, map };
         let (monitor, feed) = Monitor::start(about, stop).map_err(Failure::work)?;
         let name = source.rsplit('/').next().unwrap_or_default().to_owned();
-        Ok(Watched { page: Some(Page { address, name, monitor, feed, stays: self.monitor_stay }), stop })
+        Ok(Watched {
+            page: Some(Page {
+                address: self.monitor,
+                has_screen: self.tui,
+                screen: RefCell::default(),
+                name,
+                monitor,
+                feed,
+                stays: self.monitor_stay,
+            }),
+            stop,
+        })
     }
 }
 
-/// A run that may be watched; without `--monitor` all of this does nothing.
+/// A view of the terminal needs one, and is told of keys.
+fn ensure_terminal() -> Result<(), Failure> {
+    if !tui::IS_BUILT_IN {
+        return Err(not_built_in("terminal view", "tui"));
+    }
+    if std::io::stderr().is_terminal() && std::io::stdin().is_terminal() {
+        return Ok(());
+    }
+    let why = "--tui needs a terminal, at standard input and standard error: this is a pipe or a file";
+    Err(Failure::Start(anyhow::anyhow!(why)))
+}
+
+/// A run that may be watched; without `--monitor` and `--tui` all of this does nothing.
 pub(super) struct Watched {
     page: Option<Page>,
     stop: &'static AtomicBool,
 }
 
 struct Page {
-    address: SocketAddr,
+    address: Option<SocketAddr>,
+    has_screen: bool,
+    /// The view in the terminal, while it is there.
+    screen: RefCell<Option<Screen>>,
     name: String,
     monitor: Monitor,
     feed: Feed,
@@ -65,13 +105,20 @@ impl Watched {
         Self { page: None, stop }
     }
 
-    /// Serves the page, and says where.
+    /// Serves the page, and says where; or shows the run in the terminal.
     ///
     /// * `can_pause` — the scans wait when the run does
     pub(super) fn open(&self, can_pause: bool, tell: TellArgs) -> Result<(), Failure> {
         let Some(page) = &self.page else { return Ok(()) };
         page.monitor.set_can_pause(can_pause);
-        serve(page.address, (&page.name, page.monitor.clone()), tell)
+        if let Some(address) = page.address {
+            serve(address, (&page.name, page.monitor.clone()), tell)?;
+        }
+        if page.has_screen {
+            let screen = Screen::open(&page.monitor).context("--tui: this terminal cannot be drawn on");
+            page.screen.replace(Some(screen.map_err(Failure::Start)?));
+        }
+        Ok(())
     }
 
     /// Words on the way, for those who watch too.
@@ -122,5 +169,6 @@ impl Watched {
     pub(super) fn finish(&mut self, words: &str, show: impl FnMut(&mut Feed)) {
         let Some(page) = &mut self.page else { return };
         page.feed.finish(words, page.stays.then_some(self.stop), show);
+        page.screen.take();
     }
 }

@@ -2,6 +2,7 @@
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use crate::held;
 use lrfslam_host::input::text::ByteCount;
 use lrfslam_host::runs::scans::Scans;
 
@@ -15,7 +16,7 @@ impl Progress {
     pub(super) fn new(scans: &Scans, is_quiet: bool) -> Self {
         let (size_bytes, bytes_read) = scans.progress().unzip();
         let size_bytes = size_bytes.filter(|size| *size > 0);
-        let is_hidden = is_quiet || bytes_read.is_none();
+        let is_hidden = is_quiet || held::is_on() || bytes_read.is_none();
         let target = if is_hidden { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(10) };
         let template = match size_bytes {
             None => "{bytes} read  {msg}  {elapsed} gone",

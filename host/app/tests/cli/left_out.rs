@@ -19,4 +19,9 @@ fn what_is_not_built_in_says_how_to_get_it() {
         let wanted = if is_built_in { "castle: cannot be read" } else { &how };
         assert!(stderr.contains(wanted), "{stderr}");
     }
+    // Of the terminal view: it needs a terminal, which a test has not.
+    let (code, stdout, stderr) = run(folder.path(), &["map", "castle", "--tui"]);
+    assert!(code == 2 && stdout.is_empty() && stderr.lines().count() == 1, "{stderr}");
+    let wanted = if cfg!(feature = "tui") { "--tui needs a terminal" } else { "--features tui" };
+    assert!(stderr.contains(wanted), "{stderr}");
 }

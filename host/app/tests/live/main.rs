@@ -34,6 +34,8 @@ mod page_pictures;
 mod page_sights;
 #[cfg(feature = "monitor")]
 mod page_watch;
+#[cfg(feature = "tui")]
+mod terminal;
 #[cfg(feature = "monitor")]
 mod viewer;
 mod visits;
