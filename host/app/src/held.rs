@@ -20,11 +20,13 @@ fn held() -> MutexGuard<'static, Option<Held>> {
 }
 
 /// The screen is somebody's now; `leave` gives it back.
+#[cfg(feature = "tui")]
 pub fn hold(leave: fn()) {
     *held() = Some(Held { leave, said: Vec::new() });
 }
 
 /// Somebody has the screen.
+#[cfg(feature = "tui")]
 pub fn is_on() -> bool {
     held().is_some()
 }

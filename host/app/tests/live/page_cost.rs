@@ -98,7 +98,7 @@ fn least(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 #[test]
-#[ignore = "heavy: run by .ci/run"]
+#[ignore = "a measurement: wants a quiet computer"]
 fn what_watching_costs() {
     let number = |name: &str, usual: u32| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual);
     let (rounds, scans) = (number("LRFSLAM_ROUNDS", 7), number("LRFSLAM_SCANS", 200));
@@ -114,12 +114,12 @@ fn what_watching_costs() {
     }
     let plain = times["no page"].clone();
     let slam = |times: &Times| times.all - times.page;
+    let noise = median(plain.iter().map(slam)) / least(plain.iter().map(slam)) - 1.0;
+    println!("Runs without a page differ by {:.1} % among each other.", 100.0 * noise);
     println!(
         "| {rounds} rounds of {scans} scans | SLAM's processor time, least | median | against no page, least | median of the rounds | the page's own threads | clock, median of the rounds |"
     );
     println!("| --- | --- | --- | --- | --- | --- | --- |");
-    // By so much runs without a page differ among each other: less cannot be told from nothing.
-    let noise = median(plain.iter().map(slam)) / least(plain.iter().map(slam)) - 1.0;
     let mut dear = Vec::new();
     for kind in kinds {
         let of = &times[kind];
@@ -135,8 +135,8 @@ fn what_watching_costs() {
             100.0 * share,
             100.0 * wall
         );
-        // On a busy computer the least of several is nearer to what the work takes than the median is.
-        if best.min(share) > SHARE_MAX + noise {
+        // The least of several is nearer to what the work takes than the median is.
+        if best > SHARE_MAX {
             dear.push(kind);
         }
     }
@@ -144,7 +144,7 @@ fn what_watching_costs() {
 }
 
 #[test]
-#[ignore = "heavy: run by .ci/run"]
+#[ignore = "a measurement: wants a quiet computer"]
 fn who_reads_nothing_for_a_minute_changes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let laser = Laser::hokuyo(folder.path());
@@ -167,17 +167,12 @@ fn who_reads_nothing_for_a_minute_changes_nothing() {
     assert_eq!(run.status("POST /robots/0/stop", &format!("Authorization: Bearer {TOKEN}\r\n")), "204");
     assert_eq!(run.child.wait().unwrap().code(), Some(0));
     println!("{before:.1} states a second before, at least {least:.1} while four read nothing for a minute");
-    // How many come depends on what else the computer does; that some always come does not.
-    assert!(least > 0.0, "{before} {least}");
+    assert!(least > 0.5 * before, "{before} {least}");
     let report = fs::read(folder.path().join("watched/run.json")).unwrap();
     let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
     let scans = report["cost"]["scans"].as_u64().unwrap();
     println!("{scans} scans in {minutes:.1} minutes, {} B at most", report["cost"]["peak_memory_bytes"]);
-    if report["laser"]["overrun"] == 0 {
-        // Ten a second, but for those of its start.
-        assert!(scans as f64 > 570.0 * minutes, "{report}");
-    } else {
-        println!("skipped: scans of that minute were not counted (the computer is too busy for the laser)");
-    }
+    // Ten a second, but for those of its start.
+    assert!(scans as f64 > 570.0 * minutes, "{report}");
     assert!(report["cost"]["peak_memory_bytes"].as_u64() < Some(150_000_000), "{report}");
 }
