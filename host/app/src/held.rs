@@ -26,7 +26,6 @@ pub fn hold(leave: fn()) {
 }
 
 /// Somebody has the screen.
-#[cfg(feature = "tui")]
 pub fn is_on() -> bool {
     held().is_some()
 }
