@@ -124,6 +124,7 @@ impl TellArgs {
     }
 
     /// JSON is to be printed.
+    #[cfg(feature = "monitor")]
     pub(super) fn is_json(self) -> bool {
         self.json.json
     }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use crate::browser::{Browser, Page};
-use crate::page::{LATER, SOON, Watched};
+use crate::page::{LATER, Watched};
 
 fn save(browser: &mut Browser, page: &Page, folder: &std::path::Path, name: &str) {
     std::fs::write(folder.join(name), browser.picture(page)).unwrap();
@@ -64,7 +64,7 @@ fn cloud(browser: &mut Browser, pictures: &std::path::Path) {
     let page = browser.open(&demo.url(), [1280, 800]);
     browser.wait(&page, "lrfslam.robots()[0].cloud.length > 180000", LATER);
     browser.press(&page, "c");
-    browser.wait(&page, "lrfslam.views()[0].is3d", SOON);
+    browser.wait(&page, "lrfslam.views()[0].is3d", crate::page::SOON);
     std::thread::sleep(Duration::from_millis(500));
     save(browser, &page, pictures, "cloud.png");
 }
