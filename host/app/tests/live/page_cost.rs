@@ -101,7 +101,7 @@ fn least(values: impl Iterator<Item = f64>) -> f64 {
 #[ignore = "a measurement: wants a quiet computer"]
 fn what_watching_costs() {
     let number = |name: &str, usual: u32| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual);
-    let (rounds, scans) = (number("LRFSLAM_ROUNDS", 7), number("LRFSLAM_SCANS", 200));
+    let (rounds, scans) = (number("LRFSLAM_ROUNDS", 9), number("LRFSLAM_SCANS", 806));
     let folder = tempfile::tempdir().unwrap();
     let kinds = ["no page", "a page, nobody looks", "two viewers", "one who reads nothing"];
     let mut times: BTreeMap<&str, Vec<Times>> = BTreeMap::new();
