@@ -70,7 +70,7 @@ impl StampUnwrapper {
 
 /// Most exchanges used for the offset.
 pub const MAX_EXCHANGES: usize = 11;
-/// Scans over which the smallest delay is taken.
+/// Stamps over which the smallest delay is taken, if nothing else is said.
 const WINDOW: u16 = 64;
 
 /// Estimates what to add to a sensor's time to get the host's.
@@ -78,7 +78,7 @@ const WINDOW: u16 = 64;
 /// First by the median over some exchanges of (middle of the exchange − stamp), which an exchange held up somewhere does
 /// not move (drivers). Then it follows the two clocks' drift: the smallest (arrival − stamp) of each window of scans
 /// should not change, so its change is the drift. Without exchanges the smallest delay itself serves.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct ClockOffset {
     samples: heapless::Vec<i64, MAX_EXCHANGES>,
     offset_us: Option<i64>,
@@ -86,9 +86,29 @@ pub struct ClockOffset {
     reference: Option<(i64, i64)>,
     window: Option<i64>,
     in_window: u16,
+    /// Stamps of a whole window.
+    window_stamps: u16,
+}
+
+impl Default for ClockOffset {
+    fn default() -> Self {
+        Self::over(WINDOW)
+    }
 }
 
 impl ClockOffset {
+    /// Follows the drift over windows of `window_stamps`: the reader may be late for many in a row, but not for so many.
+    pub const fn over(window_stamps: u16) -> Self {
+        Self {
+            samples: heapless::Vec::new(),
+            offset_us: None,
+            reference: None,
+            window: None,
+            in_window: 0,
+            window_stamps,
+        }
+    }
+
     /// One exchange: sent, answered, and the stamp that the answer carried.
     pub fn add_exchange(&mut self, sent: Instant, answered: Instant, stamp_ms: i64) {
         let middle = sent.micros + answered.since(sent).micros / 2;
@@ -116,7 +136,7 @@ impl ClockOffset {
         let offset = self.offset_us.unwrap_or(delay - transit.micros);
         self.window = Some(self.window.map_or(delay, |smallest| smallest.min(delay)));
         self.in_window += 1;
-        if self.in_window >= WINDOW {
+        if self.in_window >= self.window_stamps {
             self.close_window(offset);
         }
         Instant::from_micros(stamp_ms * 1000 + offset)
@@ -188,5 +208,17 @@ mod tests {
             worst = worst.max((stamp.micros - true_us).abs());
         }
         assert!(worst < 6000, "{worst} us in an hour");
+    }
+
+    /// A stamp every 4 ms, whose reader is stopped for 0.3 s now and then.
+    #[test]
+    fn stopped_reader_moves_nothing_over_a_window_that_is_longer() {
+        let mut offset = ClockOffset::over(512);
+        for scan in 0..4000_i64 {
+            let (at_ms, within_ms) = (scan * 4, scan * 4 % 3000);
+            let read_ms = if within_ms >= 2700 { at_ms - within_ms + 3000 } else { at_ms };
+            let stamp = offset.stamp(Instant::from_micros(read_ms * 1000), at_ms, Duration::ZERO);
+            assert_eq!(stamp.micros, at_ms * 1000, "scan {scan}");
+        }
     }
 }

@@ -1,11 +1,14 @@
 //! A foreign driver reads the simulated lasers: MRPT's `rawlog-grabber` (Debian: `apt install mrpt-apps`), where it is installed.
 //!
-//! Ten minutes: `cargo test -p lrfslam-tests --test live mrpt -- --ignored --nocapture`; `LRFSLAM_MRPT_SECONDS=20` for less.
+//! All but the URG-04LX by its serial port: MRPT asks it for 115200 baud before it asks for SCIP 2.0, and SCIP 1.1 refuses. What is left, 19200 baud,
+//! carries less than one scan a second.
+//!
+//! Ten minutes, on a machine that does nothing else: `cargo test -p lrfslam-tests --test live mrpt -- --ignored --nocapture`; `LRFSLAM_MRPT_SECONDS=20` for less.
 
 use std::fs::File;
 use std::io::Write as _;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -55,6 +58,28 @@ fn is_installed() -> bool {
     found.is_ok()
 }
 
+/// One that has begun to save scans: it gives up for good if its first attempt fails, as on a busy machine, and is started again then.
+fn grabber(folder: &Path) -> Option<Child> {
+    for _ in 0..5 {
+        let said = File::create(folder.join("said")).unwrap();
+        // What it says of each second is to be read while it runs.
+        let mut grabber = Command::new("stdbuf");
+        grabber.args(["-oL", "rawlog-grabber"]).arg(folder.join("grabber.ini"));
+        grabber.current_dir(folder).stdin(Stdio::piped());
+        let mut grabber = grabber.stdout(said.try_clone().unwrap()).stderr(said).spawn().unwrap();
+        for _ in 0..20 {
+            std::thread::sleep(Duration::from_secs(1));
+            if std::fs::read_to_string(folder.join("said")).unwrap().contains("Saved ") {
+                return Some(grabber);
+            }
+        }
+        println!("{}: no scan in 20 s, started again", folder.display());
+        let _ = grabber.kill();
+        let _ = grabber.wait();
+    }
+    None
+}
+
 /// The scans that MRPT saved in a usual second, and on average, from the fifth second on. Where it gives up on a laser for some seconds, as on a
 /// busy machine, the average is less.
 fn rate(laser: Laser, seconds: u64, folder: &Path) -> (f64, f64) {
@@ -79,14 +104,12 @@ fn rate(laser: Laser, seconds: u64, folder: &Path) -> (f64, f64) {
             folder = folder.display(),
         );
         std::fs::write(folder.join("grabber.ini"), config).unwrap();
-        let said = File::create(folder.join("said")).unwrap();
-        let mut grabber = Command::new("rawlog-grabber");
-        grabber.arg(folder.join("grabber.ini")).current_dir(folder).stdin(Stdio::piped());
-        let mut grabber = grabber.stdout(said.try_clone().unwrap()).stderr(said).spawn().unwrap();
-        std::thread::sleep(Duration::from_secs(seconds));
-        // Any key ends it.
-        let _ = grabber.stdin.take().unwrap().write_all(b"\n");
-        let _ = grabber.wait();
+        if let Some(mut grabber) = grabber(folder) {
+            std::thread::sleep(Duration::from_secs(seconds));
+            // Any key ends it.
+            let _ = grabber.stdin.take().unwrap().write_all(b"\n");
+            let _ = grabber.wait();
+        }
         stop.store(true, Ordering::Relaxed);
     });
     let said = std::fs::read_to_string(folder.join("said")).unwrap();
@@ -127,6 +150,6 @@ fn mrpt_reads_every_laser_at_its_rate() {
     for (name, wanted, (usual, mean)) in rates {
         // Seconds have whole scans.
         assert!((usual - wanted).abs() <= f64::max(1.0, 0.03 * wanted), "{name}: {usual} of {wanted:.2}");
-        assert!(mean > 0.7 * wanted && mean < 1.05 * wanted, "{name}: {mean:.2} of {wanted:.2}");
+        assert!(mean > 0.97 * wanted && mean < 1.03 * wanted, "{name}: {mean:.2} of {wanted:.2}");
     }
 }

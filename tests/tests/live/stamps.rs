@@ -135,8 +135,8 @@ fn judge(stamps: &[(Instant, f64)], period_us: i64) -> Row {
     let steps = || stamps.windows(2).map(|pair| pair[1].0.since(pair[0].0).micros);
     Row {
         scans: late.len(),
-        median_ms: late[late.len() / 2],
-        largest_ms: late[0].abs().max(late[late.len() - 1].abs()),
+        median_ms: late.get(late.len() / 2).copied().unwrap_or_default(),
+        largest_ms: late.iter().fold(0.0, |largest, late| late.abs().max(largest)),
         close: steps().filter(|step| *step < period_us / 2).count(),
         disordered: steps().filter(|step| *step <= 0).count(),
     }

@@ -16,6 +16,8 @@ const BAUD: u32 = 230_400;
 const RANGE_MAX_M: f32 = 12.0;
 /// Nothing nearer is measured, mm (manual: 0.02 m).
 const DISTANCE_MIN_MM: u16 = 20;
+/// Packets of which one at least is read in time, to follow the sensor's clock: 2.7 s.
+const WINDOW: u16 = 1024;
 /// Packets come every 2.7 ms.
 const SILENCE: Duration = Duration::from_millis(2000);
 /// Samples are 0.4 to 0.9 degrees apart; a lost packet leaves 4.8 at the slowest speed.
@@ -48,7 +50,7 @@ impl<'a> LdrobotDriver<'a> {
             turns: TurnAssembler::new(beams, HOLE_DEG),
             latency,
             stamps: StampUnwrapper::new(STAMP_PERIOD_MS),
-            offset: ClockOffset::default(),
+            offset: ClockOffset::over(WINDOW),
             last_ms: 0,
             packet_began: Instant::default(),
         }
@@ -58,7 +60,7 @@ impl<'a> LdrobotDriver<'a> {
         self.decoder.forget();
         self.turns.forget();
         self.stamps = StampUnwrapper::new(STAMP_PERIOD_MS);
-        self.offset = ClockOffset::default();
+        self.offset = ClockOffset::over(WINDOW);
         self.base.set_rate();
         self.base.state = LISTENING;
         self.base.wait(now, SILENCE);
