@@ -23,7 +23,7 @@ const AHEAD_RAD: f64 = 0.5;
 /// How much of the angle to the corner is turned per second, 1/s.
 const STEERING: f64 = 3.0;
 /// The longest drive, s: a route that takes longer is refused.
-pub(crate) const LONGEST_S: f64 = 36_000.0;
+pub(crate) const LONGEST_S: f64 = 108_000.0;
 
 /// The robot of a world file: where it starts, what it can, and where it goes.
 #[derive(Debug, Clone, Deserialize)]
@@ -241,7 +241,7 @@ impl<'p> Driver<'p> {
             while !self.has_reached(corner, stops) {
                 self.step(corner, stops);
                 let within = (self.steps.len() as f64) < LONGEST_S / STEP_S;
-                check(within, "route", "a way that can be driven within 10 h and within the limits")?;
+                check(within, "route", "a way that can be driven within 30 h and within the limits")?;
             }
             if stops {
                 self.halt();

@@ -283,7 +283,7 @@ mod tests {
         );
         for seconds in [f64::INFINITY, f64::NAN, 1e308, -1.0] {
             let error = written(&plan(Pace::Rate { hz: 5.0, seconds: Some(seconds) })).unwrap_err().to_string();
-            assert!(error.starts_with("a drive of 0 to 36000 s is expected, found "), "{error}");
+            assert!(error.starts_with("a drive of 0 to 108000 s is expected, found "), "{error}");
         }
         let error = written(&plan(Pace::Count(usize::MAX))).unwrap_err().to_string();
         assert!(error.starts_with("at most 2700000 scans are expected"), "{error}");

@@ -214,9 +214,17 @@ pub struct Cost {
 
 /// The most memory this process has held so far, bytes; `None` where there is no `/proc` that tells (`VmHWM`).
 pub fn peak_memory_bytes() -> Option<u64> {
+    status_bytes("VmHWM:")
+}
+
+/// The memory this process holds now, bytes; `None` where there is no `/proc` that tells (`VmRSS`).
+pub fn resident_memory_bytes() -> Option<u64> {
+    status_bytes("VmRSS:")
+}
+
+fn status_bytes(name: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let kibibytes: u64 =
-        status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?.split_whitespace().next()?.parse().ok()?;
+    let kibibytes: u64 = status.lines().find_map(|l| l.strip_prefix(name))?.split_whitespace().next()?.parse().ok()?;
     Some(kibibytes * 1024)
 }
 

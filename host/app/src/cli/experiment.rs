@@ -7,6 +7,7 @@ use anyhow::Context as _;
 use clap::{Args, Subcommand};
 
 use super::cloud::{TiltArgs, from_log};
+use super::experiment_endurance::{self, EnduranceArgs};
 use super::experiment_envelope::{self, EnvelopeArgs};
 use super::experiment_starts::{self, StartsArgs};
 use super::experiment_sweep::{self, SweepArgs};
@@ -45,6 +46,7 @@ enum Command {
     Loop(LoopArgs),
     Starts(StartsArgs),
     Envelope(EnvelopeArgs),
+    Endurance(EnduranceArgs),
 }
 
 /// Does the loop close (figure 3.11)? Maps a log with its true path by each number of levels, seed after seed.
@@ -147,6 +149,7 @@ pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
         Command::Loop(args) => run_loops(args),
         Command::Starts(args) => experiment_starts::run(args),
         Command::Envelope(args) => experiment_envelope::run(args),
+        Command::Endurance(args) => experiment_endurance::run(args),
     }
 }
 

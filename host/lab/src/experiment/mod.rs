@@ -3,6 +3,7 @@
 //! All take a log and the true path of its scans; where that comes from (a simulator, or a path made with the whole log) is the
 //! caller's business.
 
+mod endurance;
 mod envelope;
 mod findings;
 mod growth;
@@ -16,6 +17,7 @@ mod plots;
 mod starts;
 mod sweep;
 
+pub use endurance::{Stretch, endurance_csv, endurance_markdown, plot_endurance, run_endurance};
 pub use envelope::{
     Degradation, ENVELOPE_ROWS, EnvelopeRow, EnvelopeRun, degrade, envelope_csv, envelope_markdown, plot_envelope,
     run_envelope,
