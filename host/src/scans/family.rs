@@ -105,7 +105,7 @@ pub struct LrfOptions {
     /// Rate to change to, bit/s; 0 for "auto": found, and raised to what every serial port can.
     #[serde(default)]
     pub baud: u32,
-    /// False for TCP.
+    /// False for TCP and UDP.
     pub has_baud: bool,
     /// SICK: field of view, degrees, and resolution, 1/100 degree.
     #[serde(default)]

@@ -4,3 +4,4 @@ mod hil_mcu;
 mod hil_pty;
 mod mrpt;
 mod stamps;
+mod udp;

@@ -125,7 +125,7 @@ impl LaserArgs {
         if self.lrf.0 == Some(LrfFamily::SickLms2xx) {
             anyhow::ensure!(
                 self.port.has_baud(),
-                "a SICK LMS2xx cannot be reached over TCP: its rate must be changed, and a serial-to-network converter keeps its \
+                "a SICK LMS2xx cannot be reached over TCP or UDP: its rate must be changed, and a serial-to-network converter keeps its \
                  own; connect it to a serial port"
             );
         }

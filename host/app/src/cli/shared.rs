@@ -20,7 +20,8 @@ pub(super) const RELATIONS: &str = "True displacements: lines `t1 t2 x y z roll 
 /// Help of `--lrf`.
 pub(super) const LRF: &str = "The laser";
 /// Help of `--port`.
-pub(super) const PORT: &str = "Serial port, such as /dev/ttyUSB0, or tcp:HOST or tcp:HOST:PORT";
+pub(super) const PORT: &str =
+    "Serial port, such as /dev/ttyUSB0, or tcp:HOST[:PORT], udp:HOST:PORT, or udp::PORT to listen";
 /// Help of `--seeds`.
 #[cfg(feature = "experiments")]
 pub(super) const SEEDS: &str = "Seeds 1 to N: each is a run of its own";

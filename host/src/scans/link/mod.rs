@@ -1,10 +1,11 @@
-//! Byte links to a laser range finder: a serial port, a TCP connection, or a test's own memory.
+//! Byte links to a laser range finder or a robot: a serial port, a TCP connection, datagrams, or a test's own memory.
 //!
 //! A link moves bytes and sets the rate; what they mean is the core's business, and when to send them the
 //! [`driver`](crate::scans::driver)'s. Faults are not here but where a test puts them: in front of the far end.
 
 mod serial;
 mod tcp;
+mod udp;
 
 use std::io;
 use std::str::FromStr;
@@ -12,6 +13,7 @@ use std::time::Duration;
 
 pub use serial::SerialLink;
 pub use tcp::TcpLink;
+pub use udp::UdpLink;
 
 /// Two-way bytes.
 pub trait Link: Send {
@@ -42,13 +44,15 @@ pub trait Link: Send {
     }
 }
 
-/// Where a laser range finder is plugged in.
+/// Where a laser range finder or a robot is plugged in.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// A serial port by its path or name.
     Serial(String),
     /// Host and port: `tcp:192.168.0.10:10940`.
     Tcp(String),
+    /// Host and port to send to, `udp:192.168.0.20:8080`, or the port at which to listen, `udp::8080`.
+    Udp(String),
 }
 
 /// Port on which Hokuyo's Ethernet models listen.
@@ -57,13 +61,18 @@ pub const HOKUYO_TCP_PORT: u16 = 10_940;
 impl FromStr for Address {
     type Err = String;
 
-    /// `tcp:HOST[:PORT]`, else a serial port.
+    /// `tcp:HOST[:PORT]`, `udp:HOST:PORT`, `udp::PORT`, else a serial port.
     fn from_str(text: &str) -> Result<Self, String> {
+        if let Some(address) = text.strip_prefix("udp:") {
+            let port = address.rsplit_once(':').and_then(|(_, port)| port.parse::<u16>().ok());
+            let expected = || "expected udp:HOST:PORT, or udp::PORT to listen".to_owned();
+            return port.map(|_| Address::Udp(address.to_owned())).ok_or_else(expected);
+        }
         match text.strip_prefix("tcp:") {
             Some("") => Err("expected tcp:HOST or tcp:HOST:PORT".to_owned()),
             Some(host) if host.contains(':') => Ok(Address::Tcp(host.to_owned())),
             Some(host) => Ok(Address::Tcp(format!("{host}:{HOKUYO_TCP_PORT}"))),
-            None if text.is_empty() => Err("expected a serial port, or tcp:HOST".to_owned()),
+            None if text.is_empty() => Err("expected a serial port, tcp:HOST or udp:HOST:PORT".to_owned()),
             None => Ok(Address::Serial(text.to_owned())),
         }
     }
@@ -74,6 +83,7 @@ impl std::fmt::Display for Address {
         match self {
             Address::Serial(path) => out.write_str(path),
             Address::Tcp(host) => write!(out, "tcp:{host}"),
+            Address::Udp(host) => write!(out, "udp:{host}"),
         }
     }
 }
@@ -87,6 +97,7 @@ impl Address {
         match self {
             Address::Serial(path) => Ok(Box::new(SerialLink::open(path)?)),
             Address::Tcp(host) => Ok(Box::new(TcpLink::open(host)?)),
+            Address::Udp(host) => Ok(Box::new(UdpLink::open(host)?)),
         }
     }
 
@@ -105,7 +116,11 @@ mod tests {
         assert_eq!("/dev/ttyUSB0".parse(), Ok(Address::Serial("/dev/ttyUSB0".into())));
         assert_eq!("tcp:10.0.0.1".parse(), Ok(Address::Tcp("10.0.0.1:10940".into())));
         assert_eq!("tcp:lrf:99".parse(), Ok(Address::Tcp("lrf:99".into())));
-        assert!("tcp:".parse::<Address>().is_err() && "".parse::<Address>().is_err());
+        assert_eq!("udp:esp:99".parse(), Ok(Address::Udp("esp:99".into())));
+        assert_eq!("udp::99".parse(), Ok(Address::Udp(":99".into())));
+        for wrong in ["tcp:", "", "udp:", "udp:esp", "udp::port", "udp:esp:70000"] {
+            assert!(wrong.parse::<Address>().is_err(), "{wrong}");
+        }
     }
 
     #[test]
