@@ -1,16 +1,20 @@
 //! `lrfslam run`: live from a laser.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use anyhow::Context as _;
 use clap::Args;
 
 use super::Failure;
 use super::laser::LaserArgs;
 use super::live_scans::Mapping;
-use lrfslam_host::output::{RECORDING, ResultFolder};
+use lrfslam_host::output::{RECORDING, ResultFolder, keep_latest};
 use lrfslam_host::runs::scans::Scans;
 use lrfslam_host::scans::live::LiveLaser;
 use lrfslam_host::scans::recording::RecordPlan;
+
+/// Folders of runs begin so.
+const STEM: &str = "run";
 
 /// Map live from a laser range finder until ctrl-C, which stops the laser and writes the map.
 #[derive(Debug, Args)]
@@ -27,11 +31,24 @@ pub(super) struct RunArgs {
     /// Largest recording, megabytes (an hour of a SICK at 38400 baud fills 15, of a UTM-30LX 500); a full one ends, and the run goes on.
     #[arg(long, value_name = "MB", default_value_t = 2000, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     record_max: u64,
+    /// Remove the oldest folders of earlier runs here, so that N are left with the one of this run.
+    #[arg(long, value_name = "N", conflicts_with = "out", value_parser = clap::value_parser!(u16).range(1..))]
+    keep_runs: Option<u16>,
     #[command(flatten)]
     mapping: Mapping,
 }
 
 impl RunArgs {
+    /// Makes room for the folder of this run.
+    fn remove_old_runs(&self) -> anyhow::Result<()> {
+        let Some(keep) = self.keep_runs else { return Ok(()) };
+        let removed = keep_latest(Path::new("."), STEM, usize::from(keep) - 1);
+        for name in removed.context("runs of earlier cannot be removed")? {
+            self.mapping.tell().say(&format!("{name}: removed, since later runs are kept"));
+        }
+        Ok(())
+    }
+
     fn record(&self, folder: &ResultFolder) -> anyhow::Result<Option<RecordPlan>> {
         if self.no_record {
             return Ok(None);
@@ -48,7 +65,8 @@ impl RunArgs {
 pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
     let laser = args.laser.live().map_err(Failure::Start)?;
     let plan = args.mapping.plan("run", laser.address.to_string())?;
-    let folder = args.mapping.folder("run", &plan.config)?;
+    args.remove_old_runs().map_err(Failure::Start)?;
+    let folder = args.mapping.folder(STEM, &plan.config)?;
     let laser = LiveLaser { record: args.record(&folder).map_err(Failure::Start)?, ..laser };
     let sayer = plan.watched.sayer(args.mapping.tell());
     let scans = Scans::live(laser, plan.stop, sayer);

@@ -213,6 +213,32 @@ fn a_hokuyo_is_mapped_over_tcp() {
 }
 
 #[test]
+fn the_latest_runs_are_kept() {
+    let folder = temporary();
+    let laser = Laser::hokuyo(folder.path());
+    let arguments = ["run", "--lrf", "hokuyo", "--port", &laser.port(), "--scans", "3", "--keep-runs", "2"];
+    let runs = || {
+        let names = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let mut names: Vec<String> = names.filter(|name| name.starts_with("run-")).collect();
+        names.sort();
+        names
+    };
+    let all: Vec<Vec<String>> = (0..3)
+        .map(|_| {
+            let before = runs().len();
+            let (code, _, stderr) = run(folder.path(), &arguments);
+            assert_eq!(code, 0, "{stderr}");
+            assert_eq!(stderr.contains(": removed, since later runs are kept"), before == 2, "{stderr}");
+            runs()
+        })
+        .collect();
+    assert_eq!(all.iter().map(Vec::len).collect::<Vec<_>>(), [1, 2, 2]);
+    assert!(all[2][0] == all[1][1] && !all[2].contains(&all[0][0]), "the oldest went: {all:?}");
+    let (code, _, stderr) = run(folder.path(), &[&arguments[..], &["--out", "named"]].concat());
+    assert!(code == 2 && stderr.contains("cannot be used with"), "{stderr}");
+}
+
+#[test]
 fn a_port_that_is_none_is_given_up_after_ten_seconds() {
     let folder = temporary();
     fs::write(folder.path().join("file"), "text").unwrap();
