@@ -27,7 +27,7 @@ fn off(point: [f64; 3]) -> f64 {
 }
 
 /// A robot that drives an arc while its laser nods: log, path and encoder readings (at their own times).
-fn write_drive(folder: &Path) {
+pub fn write_drive(folder: &Path) {
     let tilt_at = |t: f64| 0.4 * t - 0.8;
     let (mut log, mut path, mut tilt) = (String::new(), String::new(), String::new());
     for i in 0..30 {
@@ -58,7 +58,7 @@ fn write_drive(folder: &Path) {
 }
 
 /// The points of a binary PLY of ours: 15 bytes each behind the header.
-fn ply_points(path: &Path) -> Vec<[f64; 3]> {
+pub fn ply_points(path: &Path) -> Vec<[f64; 3]> {
     let bytes = fs::read(path).unwrap();
     let end = b"end_header\n";
     let data = bytes.windows(end.len()).position(|window| window == end).unwrap() + end.len();

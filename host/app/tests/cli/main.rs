@@ -16,6 +16,7 @@ mod localize;
 mod map_server;
 #[cfg(feature = "experiments")]
 mod prove;
+mod python;
 mod real_logs;
 mod results;
 mod spinning;
