@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 pub mod doctor;
+pub mod foxglove;
 pub mod input;
 pub mod landmarks;
 pub mod localize;

@@ -11,7 +11,9 @@ use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_host::mapping::saved_map::SavedMap;
 use lrfslam_host::robot::{ClientMemory, JOURNAL, Journal, Judge, RobotClient, RobotEvent, RobotMap, Sweeps};
+use lrfslam_host::scans::bags::{Bag, Taken};
 use lrfslam_host::scans::log::{LogOptions, LogReader};
+use lrfslam_host::scans::mcap::RawBytes;
 use lrfslam_host::scans::recording::RecordingReader;
 use lrfslam_robot::wire::frame::{MAX_FRAME, encode};
 use lrfslam_robot::wire::key::Key;
@@ -23,8 +25,9 @@ use lrfslam_robot::{CompactPools, Input, Pools as _, Ports, Robot, RobotConfig};
 pub type Entry = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const ENTRIES: [Entry; 10] = [
+pub const ENTRIES: [Entry; 11] = [
     ("logs", logs),
+    ("bags", bags),
     ("configurations", configurations),
     ("robots", robots),
     ("hosts", hosts),
@@ -40,6 +43,20 @@ pub const ENTRIES: [Entry; 10] = [
 pub fn logs(bytes: &[u8]) {
     let reader = LogReader::from_reader("a.log", Cursor::new(bytes.to_vec()), LogOptions::default());
     assert!(reader.map_or(0, |reader| reader.take(10_000).count()) <= 10_000);
+}
+
+/// A bag of any kind; and, of MCAP, the bytes of a laser in it.
+pub fn bags(bytes: &[u8]) {
+    if let Ok(mut bag) = Bag::from_reader(Cursor::new(bytes.to_vec()), None) {
+        let mut taken = 0;
+        while !matches!(bag.take(), Taken::End) && taken < 10_000 {
+            taken += 1;
+        }
+        assert!(taken <= bytes.len(), "{taken} of {} bytes", bytes.len());
+    }
+    if let Ok(Some(stream)) = RawBytes::new(Cursor::new(bytes)) {
+        assert!(RecordingReader::new(stream).map_or(0, Iterator::count) <= bytes.len());
+    }
 }
 
 /// A file for `--config`.

@@ -265,6 +265,7 @@ impl RunConfig {
             field_of_view_rad: given(self.log.field_of_view_deg).map(f32::to_radians),
             robot_from_lrf: (!self.mounting.from_log).then(|| self.robot_from_lrf()),
             scan_interval: Duration::from_micros((self.log.untimed_scan_interval_s * 1e6) as i64),
+            topic: None,
         }
     }
 

@@ -63,6 +63,11 @@ pub struct Line<'a> {
 pub struct ByteCount(Arc<AtomicU64>);
 
 impl ByteCount {
+    /// So many now, for who reads in other ways.
+    pub(crate) fn set(&self, bytes: u64) {
+        self.0.store(bytes, Ordering::Relaxed);
+    }
+
     /// Bytes, compressed ones if the file is gzip.
     pub fn get(&self) -> u64 {
         self.0.load(Ordering::Relaxed)

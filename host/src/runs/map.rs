@@ -26,6 +26,7 @@ use crate::mapping::mapper::Mapper;
 use crate::mapping::{LowLevel, LowPose, MapperMemory, MappingConfig, ParticlePools};
 use crate::maps::occupancy::OccupancyMap;
 use crate::robot::{RobotMap, Sweeps};
+use crate::runs::bag::RunBag;
 
 use crate::mapping::saved_map::{self, SavedMap};
 use crate::results::quality::Fit;
@@ -84,6 +85,8 @@ pub struct Run<'m, L> {
     beams: BeamCounts,
     /// The folder of the map that it goes on with.
     continues: Option<String>,
+    /// What is recorded of it.
+    bag: Option<RunBag>,
     working: WallDuration,
 }
 
@@ -202,6 +205,12 @@ impl Run<'_, RobotMap> {
             is_blind: false,
             is_frozen: false,
         };
+        if let Some(bag) = &self.bag {
+            match &told {
+                Some(told) => bag.scan(&told.scan(), (None, robot_from_lrf), pose.odometry),
+                None => bag.pose(pose.stamp, pose.odometry, Some(robot_from_lrf)),
+            }
+        }
         // To the robot's path every scan is a step.
         let (step, fit) = (self.places.len(), Fit::from(&low));
         let place = ScanPlace { stamp: pose.stamp, step, step_from_robot: Pose2::IDENTITY, fit };
@@ -231,8 +240,14 @@ impl<'m, L: LowLevel> Run<'m, L> {
             step_count: 0,
             beams: BeamCounts::default(),
             continues: None,
+            bag: None,
             working: WallDuration::ZERO,
         }
+    }
+
+    /// What is drawn, and what a robot tells, goes into `bag` too.
+    pub fn record(&mut self, bag: RunBag) {
+        self.bag = Some(bag);
     }
 
     /// Keeps a scan that the low level has placed.

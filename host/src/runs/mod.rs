@@ -1,5 +1,6 @@
 //! From scans to a folder of results.
 
+pub mod bag;
 mod live;
 pub mod localize;
 pub mod map;

@@ -97,6 +97,11 @@ impl<C: Serialize + Clone> RobotRun<C> {
         }
     }
 
+    /// What it tells, and its map, go into `bag` too.
+    pub fn record(&mut self, bag: crate::runs::bag::RunBag) {
+        self.run.record(bag);
+    }
+
     /// Takes a message; it is in the journal when this returns, or waits in memory for a disk without room.
     ///
     /// # Errors

@@ -1,9 +1,12 @@
 //! Where scans come from: logs, lasers over a link, recordings of these; and where they are kept.
 
+pub mod bags;
 pub mod driver;
 pub mod family;
 pub mod link;
 pub mod live;
 pub mod log;
+pub mod mcap;
 pub mod recording;
 pub mod store;
+pub(crate) mod unpack;

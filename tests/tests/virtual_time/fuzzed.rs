@@ -141,6 +141,9 @@ fn samples(entry: &str) -> Vec<Vec<u8>> {
                 text("[[curved_wall]]\ncentre = [0, 0]\nradius_m = 3\n[[person]]\nway = [[0, 0], [1, 1]]\n"),
             ]
         }
+        "bags" => ["ros2.mcap", "ros2.db3", "ros1-lz4.bag"]
+            .map(|name| std::fs::read(golden(&format!("bags/{name}"))).expect("a golden file"))
+            .to_vec(),
         "images" => vec![b"P5\n# ours\n3 2\n255\n\x00\xfe\xcd\xfe\xfe\xfe".to_vec()],
         _ => vec![text("1 2 3 0 0 0 0 1\n2 2 3 0 0 0 0 1\n"), text("1 2 3 4\n")],
     }

@@ -1,5 +1,6 @@
 //! Both ends together, as fast as the computer is. One binary for all, linked once.
 
+mod bags;
 mod closing_loops;
 mod encodings;
 mod fuzzed;

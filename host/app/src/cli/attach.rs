@@ -17,6 +17,7 @@ use super::laser::{EndArgs, interrupt_flag, parse_baud, say};
 use super::live_scans::ended;
 use super::monitor::MonitorArgs;
 use super::out::{OutArgs, SaveArgs};
+use super::record::RecordArgs;
 use super::shared::{ConfigArgs, LEVELS, LRF, PARTICLES, PORT, RESUME, SeedArgs, TellArgs};
 use crate::config::RobotRun;
 use crate::config::RunConfig;
@@ -51,6 +52,8 @@ pub(super) struct AttachArgs {
     out: OutArgs,
     #[command(flatten)]
     save: SaveArgs,
+    #[command(flatten)]
+    record: RecordArgs,
     #[arg(long, requires = "out", conflicts_with = "overwrite", help = RESUME)]
     resume: bool,
     /// The robot forgets what it has done so far, and begins anew.
@@ -149,6 +152,7 @@ pub(super) fn run(args: &AttachArgs) -> Result<(), Failure> {
         let words = ended(ending, run.folder().named());
         book.watched.finish(&words, |feed| run.show(feed, Beside::default()));
     }
+    book.end_recording();
     match book.fault {
         Some(fault) => Err(Failure::Work(fault)),
         None if !book.has_results => {

@@ -11,6 +11,7 @@ use super::continuing::ReadAhead;
 use super::laser::{EndArgs, LaserArgs, interrupt_flag};
 use super::map::open_scans;
 use super::progress::Progress;
+use super::record::TopicArgs;
 use super::shared::{ConfigArgs, LOG, TellArgs};
 use crate::config::RunConfig;
 use lrfslam_host::doctor::{Diagnosis, Doctor, Finding, FollowerMemory, STRETCHES_MAX, Severity, SmearLimits};
@@ -26,6 +27,8 @@ use lrfslam_host::runs::scans::Scans;
 pub(super) struct DoctorArgs {
     #[arg(help = LOG, required_unless_present = "LaserArgs", conflicts_with = "LaserArgs")]
     log: Option<PathBuf>,
+    #[command(flatten)]
+    topic: TopicArgs,
     #[command(flatten)]
     laser: Option<LaserArgs>,
     #[command(flatten)]
@@ -53,7 +56,7 @@ pub(super) fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let stop = interrupt_flag().map_err(Failure::Start)?;
     let config = args.config.load()?;
     let (scans, end) = match (&args.log, &args.laser) {
-        (Some(log), _) => (open_scans(log, &config, stop, args.tell.sayer())?, args.end),
+        (Some(log), _) => (open_scans(log, args.topic.log_options(&config), stop, args.tell.sayer())?, args.end),
         (None, Some(laser)) => {
             let laser = laser.live().map_err(Failure::Start)?;
             (Scans::live(laser, stop, args.tell.sayer()), args.end.or_seconds(LIVE_S))

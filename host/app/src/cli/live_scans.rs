@@ -31,9 +31,11 @@ use lrfslam_host::monitor::Health;
 use lrfslam_host::output::{RECORDING, ResultFolder, shown};
 use lrfslam_host::plural::count;
 use lrfslam_host::results::report::{Ending, Source};
+use lrfslam_host::runs::bag::RunBag;
 use lrfslam_host::runs::map::{Beside, MapRun, RunMemory};
 use lrfslam_host::runs::scans::Scans;
 use lrfslam_host::scans::driver::HostClock;
+use lrfslam_host::scans::live::Say;
 use lrfslam_host::scans::log::LogScan;
 
 /// How to map, and when to end.
@@ -65,10 +67,6 @@ impl Mapping {
     /// Older results, and an older recording, may go.
     pub(super) fn overwrites(&self) -> bool {
         self.out.overwrites()
-    }
-
-    pub(super) fn tell(&self) -> TellArgs {
-        self.tell
     }
 
     /// A run that was killed goes on.
@@ -107,7 +105,7 @@ impl Mapping {
         ensure_room(&config).map_err(Failure::Start)?;
         let frame = folder.map(|folder| folder.display().to_string());
         let watched = self.monitor.watched((what, source, frame), config.map, stop)?;
-        Ok(Plan { args: self, config, saved, odometry: false, watched, stop })
+        Ok(Plan { args: self, config, saved, odometry: false, watched, bag: None, stop })
     }
 }
 
@@ -137,13 +135,28 @@ pub(super) struct Plan<'a> {
     saved: Option<SavedMap>,
     /// A log's odometry predicts motion.
     odometry: bool,
-    pub(super) watched: Watched,
+    watched: Watched,
+    /// What is recorded besides, or with, a laser's bytes.
+    pub(super) bag: Option<RunBag>,
     pub(super) stop: &'static AtomicBool,
 }
 
 impl Plan<'_> {
     pub(super) fn with_odometry(self, odometry: bool) -> Self {
         Self { odometry, ..self }
+    }
+
+    pub(super) fn with_bag(self, bag: Option<RunBag>) -> Self {
+        Self { bag, ..self }
+    }
+
+    /// Words on the way: to the user, to those who watch, and into what is recorded.
+    pub(super) fn sayer(&self) -> Say {
+        let (mut say, bag) = (self.watched.sayer(self.args.tell), self.bag.clone());
+        Box::new(move |text| {
+            say(text);
+            bag.iter().for_each(|bag| bag.say(text));
+        })
     }
 
     /// Maps every scan, and writes and prints what came out.
@@ -162,6 +175,10 @@ impl Plan<'_> {
         scans.wait(self.stop)?;
         let start = self.start(&mut scans)?;
         let mut folder = folder()?;
+        if let Some(bag) = &self.bag {
+            bag.begin(self.args.overwrites()).map_err(Failure::Start)?;
+            map.record(bag.clone());
+        }
         // Results of a recording may replace those beside it.
         scans.scans().recording().iter().for_each(|file| folder.keep(file));
         if let (Some(saved), Some(from)) = (&self.saved, &self.args.going_on.continued) {
@@ -241,6 +258,9 @@ impl<'a, 'm> LiveMapping<'a, 'm> {
         let odometry = scan.map_from_robot_odometry.filter(|_| self.plan.odometry);
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| self.plan.config.robot_from_lrf());
         let step = self.map.add_scan(&scan.scan(), robot_from_lrf, odometry)?;
+        if let Some(bag) = &self.plan.bag {
+            bag.scan(&scan.scan(), (scan.map_from_robot_odometry, robot_from_lrf), step.map_from_robot);
+        }
         if self.is_laser {
             if self.watch.is_too_fast(&scan.scan(), step.odometry.matched.map_from_robot) {
                 self.plan.args.tell.say("the robot moves faster than the laser's rate allows: the map suffers");
@@ -313,7 +333,9 @@ impl<'a, 'm> LiveMapping<'a, 'm> {
         let ending = self.scans.ending(self.fault.is_some(), self.plan.stop);
         let about = self.about(ending);
         let report = self.folder.save(|stage| self.map.write_into(stage, &about));
+        let recorded = self.plan.bag.as_ref().map_or(Ok(()), RunBag::finish);
         let report = report.map_err(|error| Failure::Work(with_cause(error, self.fault.as_ref())))?;
+        recorded.unwrap_or_else(|error| say(&format!("--record: {error}")));
         self.plan.args.tell.print(&report, || summary(&report, self.folder.named()))?;
         let notice = partial_notice(&report, self.folder.named());
         self.watched.finish(&ended(ending, self.folder.named()), |feed| self.map.show(feed, None, Beside::default()));

@@ -15,6 +15,7 @@ use super::map::{open_scans, stem};
 use super::monitor::{MonitorArgs, Watched};
 use super::out::{OutArgs, SaveArgs};
 use super::progress::Progress;
+use super::record::TopicArgs;
 use super::shared::{ConfigArgs, LOG, MAP, START, SeedArgs, TellArgs};
 use super::summary::source_lines;
 use crate::config::LocalizeReport;
@@ -40,6 +41,8 @@ use lrfslam_host::scans::log::LogScan;
 pub(super) struct LocalizeArgs {
     #[arg(help = LOG, required_unless_present = "LaserArgs", conflicts_with = "LaserArgs")]
     log: Option<PathBuf>,
+    #[command(flatten)]
+    topic: TopicArgs,
     #[command(flatten)]
     laser: Option<LaserArgs>,
     #[command(flatten)]
@@ -136,7 +139,7 @@ impl LocalizeArgs {
     ) -> Result<(Scans, ResultFolder), Failure> {
         match (&self.log, &self.laser) {
             (Some(log), _) => {
-                let scans = open_scans(log, config, stop, watched.sayer(self.tell))?;
+                let scans = open_scans(log, self.topic.log_options(config), stop, watched.sayer(self.tell))?;
                 let mut folder = self.out.folder(&stem(log, "localized"))?;
                 scans.recording().iter().for_each(|file| folder.keep(file));
                 Ok((scans, folder))

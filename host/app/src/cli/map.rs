@@ -7,15 +7,16 @@ use clap::Args;
 
 use super::Failure;
 use super::live_scans::Mapping;
+use super::record::{RecordArgs, TopicArgs};
 use super::shared::LOG;
-use crate::config::RunConfig;
 use lrfslam_host::runs::scans::{Scans, is_stdin};
 use lrfslam_host::scans::live::Say;
+use lrfslam_host::scans::log::LogOptions;
 
 /// Map a recorded laser log.
 ///
-/// LOG is a CARMEN log (FLASER, ROBOTLASER1), a DP-SLAM log, tinySLAM's URG-04LX sample or one of a YDLIDAR X4, plain or gzip, or a laser.rec that
-/// `lrfslam run` has written. Written are trajectory.tum (the robot's pose for every scan, by time), map.pgm and map.yaml (for
+/// LOG is a CARMEN log (FLASER, ROBOTLASER1), a DP-SLAM log, tinySLAM's URG-04LX sample or one of a YDLIDAR X4, plain or gzip, a bag of ROS 2
+/// (MCAP, .db3, or its folder) or ROS 1 (.bag), or a recording that `lrfslam run` has written. Written are trajectory.tum (the robot's pose for every scan, by time), map.pgm and map.yaml (for
 /// ROS), map.png (for people), steps.csv (what the particle filter did), run.json and map.lrfslam (for `lrfslam localize`).
 /// Ctrl-C ends the run early; what was mapped until then is written.
 ///
@@ -28,12 +29,17 @@ pub(super) struct MapArgs {
     #[arg(long)]
     odometry: bool,
     #[command(flatten)]
+    topic: TopicArgs,
+    #[command(flatten)]
+    record: RecordArgs,
+    #[command(flatten)]
     mapping: Mapping,
 }
 
 pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
-    let plan = args.mapping.plan("map", args.log.display().to_string())?.with_odometry(args.odometry);
-    let scans = open_scans(&args.log, &plan.config, plan.stop, plan.watched.sayer(args.mapping.tell()))?;
+    let bag = args.record.bag(Some(&args.log))?;
+    let plan = args.mapping.plan("map", args.log.display().to_string())?.with_odometry(args.odometry).with_bag(bag);
+    let scans = open_scans(&args.log, args.topic.log_options(&plan.config), plan.stop, plan.sayer())?;
     let config = plan.config;
     plan.map(scans, || args.mapping.folder(&stem(&args.log, "map"), &config))
 }
@@ -41,11 +47,11 @@ pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
 /// The scans of a log or a recording.
 pub(super) fn open_scans(
     path: &Path,
-    config: &RunConfig,
+    options: LogOptions,
     stop: &'static AtomicBool,
     say: Say,
 ) -> Result<Scans, Failure> {
-    let scans = Scans::open(path, config.log_options(), stop, say);
+    let scans = Scans::open(path, options, stop, say);
     scans.map_err(|error| match stop.load(Ordering::Relaxed) {
         true => Failure::Interrupted(anyhow::anyhow!("no scan came: no results were written")),
         false => Failure::Start(error),

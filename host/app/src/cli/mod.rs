@@ -47,6 +47,7 @@ mod prove;
 #[cfg(not(feature = "experiments"))]
 #[path = "no_prove.rs"]
 mod prove;
+mod record;
 mod replay;
 mod room;
 mod run;

@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::Failure;
 use super::live_scans::Mapping;
+use super::record::RecordArgs;
 use lrfslam_host::runs::scans::Scans;
 
 /// Run a recording of a laser range finder again, as it was, or as fast as possible, as `lrfslam map` does.
@@ -17,12 +18,15 @@ pub(super) struct ReplayArgs {
     #[arg(long)]
     fast: bool,
     #[command(flatten)]
+    record: RecordArgs,
+    #[command(flatten)]
     mapping: Mapping,
 }
 
 pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
-    let plan = args.mapping.plan("replay", args.file.display().to_string())?;
-    let sayer = plan.watched.sayer(args.mapping.tell());
+    let bag = args.record.bag(Some(&args.file))?;
+    let plan = args.mapping.plan("replay", args.file.display().to_string())?.with_bag(bag);
+    let sayer = plan.sayer();
     let scans = Scans::replay(&args.file, args.fast, plan.stop, sayer).map_err(Failure::Start)?;
     let config = plan.config;
     plan.map(scans, || args.mapping.folder("run", &config))

@@ -9,6 +9,7 @@ use super::Failure;
 use super::laser::LaserArgs;
 use super::live_scans::Mapping;
 use lrfslam_host::output::{RECORDING, ResultFolder, keep_latest};
+use lrfslam_host::runs::bag::{RunBag, is_mcap_name};
 use lrfslam_host::runs::scans::Scans;
 use lrfslam_host::scans::live::LiveLaser;
 use lrfslam_host::scans::recording::RecordPlan;
@@ -22,7 +23,7 @@ pub(super) struct RunArgs {
     #[command(flatten)]
     laser: LaserArgs,
     /// Record every byte, both ways, with its time, to this file [default: laser.rec among the results]; lrfslam replay runs it
-    /// again.
+    /// again. A name that ends in .mcap gets scans, poses, frames and the map too, for Foxglove and others.
     #[arg(long, value_name = "FILE", conflicts_with = "no_record")]
     record: Option<PathBuf>,
     /// Record nothing.
@@ -49,7 +50,12 @@ impl RunArgs {
         Ok(())
     }
 
-    fn record(&self, folder: &ResultFolder) -> anyhow::Result<Option<RecordPlan>> {
+    /// One for the laser's bytes and all else.
+    fn bag(&self) -> Option<RunBag> {
+        self.record.as_deref().filter(|path| is_mcap_name(path)).map(|_| RunBag::live())
+    }
+
+    fn record(&self, folder: &ResultFolder, bag: Option<&RunBag>) -> anyhow::Result<Option<RecordPlan>> {
         if self.no_record {
             return Ok(None);
         }
@@ -57,18 +63,20 @@ impl RunArgs {
         self.mapping.tell_where(&path, folder);
         let (max_bytes, overwrite) = (self.record_max * 1_000_000, self.mapping.overwrites());
         let goes_on = self.mapping.resumes();
+        anyhow::ensure!(!goes_on || bag.is_none(), "--resume goes on in a recording such as laser.rec, not in MCAP");
         anyhow::ensure!(!goes_on || path.exists(), "nothing to resume: there is no {}", path.display());
-        Ok(Some(RecordPlan { max_bytes, overwrite, goes_on, ..RecordPlan::new(path) }))
+        let bag = bag.map(|bag| bag.file().clone());
+        Ok(Some(RecordPlan { max_bytes, overwrite, goes_on, bag, ..RecordPlan::new(path) }))
     }
 }
 
 pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
     let laser = args.laser.live().map_err(Failure::Start)?;
-    let plan = args.mapping.plan("run", laser.address.to_string())?;
+    let plan = args.mapping.plan("run", laser.address.to_string())?.with_bag(args.bag());
     args.remove_old_runs().map_err(Failure::Start)?;
     let folder = args.mapping.folder(STEM, &plan.config)?;
-    let laser = LiveLaser { record: args.record(&folder).map_err(Failure::Start)?, ..laser };
-    let sayer = plan.watched.sayer(args.mapping.tell());
+    let laser = LiveLaser { record: args.record(&folder, plan.bag.as_ref()).map_err(Failure::Start)?, ..laser };
+    let sayer = plan.sayer();
     let scans = Scans::live(laser, plan.stop, sayer);
     plan.map(scans, || Ok(folder))
 }

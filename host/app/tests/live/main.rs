@@ -17,6 +17,7 @@ mod kills;
 mod laser;
 #[path = "../cli/map_server.rs"]
 mod map_server;
+mod mcap;
 mod others;
 #[cfg(feature = "monitor")]
 mod page;

@@ -53,6 +53,7 @@ impl<L: LowLevel> Run<'_, L> {
         let raster = map.raster(PGM_SIDE_MAX);
         if let Some(raster) = &raster {
             write_map(folder, "map", raster)?;
+            self.bag.iter().for_each(|bag| bag.map(raster));
         }
         if let Some(raster) = map.raster(self.config.map.picture_px) {
             let notes = PictureNotes { truth: &[], has_times: about.source.has_times(), found_after_s: 0.0 };

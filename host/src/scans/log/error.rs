@@ -43,6 +43,34 @@ pub enum LogError {
         /// Name of the file, as given.
         file: String,
     },
+    /// A bag that cannot be read.
+    #[error("{file}: cannot be read as a bag: {source}")]
+    Bag {
+        /// Name of the file, as given.
+        file: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A bag without scans.
+    #[error(
+        "{file}: no scan that can be read{topic}: expected messages of sensor_msgs/LaserScan or foxglove.LaserScan; its topics are {topics}"
+    )]
+    NoScanInBag {
+        /// Name of the file, as given.
+        file: String,
+        /// The topic that was wanted, with "on" before it.
+        topic: String,
+        /// Those that there are, with their types.
+        topics: String,
+    },
+    /// A bag with scans of several lasers.
+    #[error("{file}: scans on several topics, {topics}: say which with --topic")]
+    SeveralTopics {
+        /// Name of the file, as given.
+        file: String,
+        /// Those that have scans.
+        topics: String,
+    },
     /// No byte, or nothing but blank lines.
     #[error("{file}: the log is empty")]
     Empty {

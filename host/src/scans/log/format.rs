@@ -20,29 +20,28 @@ pub enum LogFormat {
     TinySlam,
     /// Lines of a YDLIDAR X4 on a car.
     Ydlidar,
+    /// A bag in MCAP: ROS 2, Foxglove, or this program.
+    Mcap,
+    /// A bag of ROS 2 in SQLite.
+    RosSqlite,
+    /// A bag of ROS 1.
+    Ros1,
 }
 
 impl LogFormat {
-    /// What a line that is neither blank nor a comment belongs to.
-    pub(super) fn of_line(text: &str) -> Option<Self> {
+    /// What a line that is neither blank nor a comment belongs to, and who reads it.
+    pub(super) fn of_line(text: &str) -> Option<(Self, Box<dyn LineReader>)> {
         let first_word = Words::new(text).word()?;
         if is_carmen(first_word) {
-            Some(Self::Carmen)
+            Some((Self::Carmen, Box::<CarmenReader>::default()))
         } else if is_dpslam(first_word) {
-            Some(Self::DpSlam)
+            Some((Self::DpSlam, Box::<DpSlamReader>::default()))
         } else if is_ydlidar(text) {
-            Some(Self::Ydlidar)
+            Some((Self::Ydlidar, Box::<YdlidarReader>::default()))
+        } else if is_tinyslam(text) {
+            Some((Self::TinySlam, Box::<TinySlamReader>::default()))
         } else {
-            is_tinyslam(text).then_some(Self::TinySlam)
-        }
-    }
-
-    pub(super) fn reader(self) -> Box<dyn LineReader> {
-        match self {
-            Self::Carmen => Box::<CarmenReader>::default(),
-            Self::DpSlam => Box::<DpSlamReader>::default(),
-            Self::TinySlam => Box::<TinySlamReader>::default(),
-            Self::Ydlidar => Box::<YdlidarReader>::default(),
+            None
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Recorded laser logs: CARMEN, DP-SLAM, tinySLAM and YDLIDAR X4, plain or gzip, scan by scan: only their times are kept.
+//! Recorded laser logs: CARMEN, DP-SLAM, tinySLAM and YDLIDAR X4, plain or gzip, and [bags](crate::scans::bags), scan by scan.
 //!
 //! Data flow: file → lines → the format's reader → raw scan → [`LogScan`]: beams that hit, missed or are invalid, the
 //! robot's odometry and the laser's mounting. The format is known from the content, never from the name. The first
@@ -6,11 +6,11 @@
 //!
 //! Scans come in file order under their own times. Times running backwards are normal in real logs, and counted; so are
 //! lines of unknown kinds. A damaged line is passed over: [`LogCounts`] counts it and names its field. A last line cut
-//! short ends the log with a flag, not an error. What keeps the rest of the log from being read is a [`LogError`] that
-//! ends it after the scans before.
+//! short ends the log with a flag. What keeps the rest from being read is a [`LogError`] after the scans before.
 //!
 //! The number of beams may change from scan to scan where the line gives its angles, or the number is a known device's.
 
+mod bag;
 mod carmen;
 mod counts;
 mod dpslam;
@@ -35,6 +35,7 @@ pub use error::LogError;
 pub use format::LogFormat;
 pub use range_limit::{LimitOrigin, RangeNotes};
 
+use self::bag::{Source, bag_at};
 use self::mounting::Mounting;
 use self::range_limit::{RangeLimit, TOLERANCE_M};
 use self::raw::{Bearings, Content, LineReader, RawScan};
@@ -57,12 +58,14 @@ pub struct LogOptions {
     pub robot_from_lrf: Option<Pose2>,
     /// From scan to scan in a log without times (DP-SLAM's).
     pub scan_interval: Duration,
+    /// Scans of a bag are those of this topic; `None`: of the only one that has any.
+    pub topic: Option<&'static str>,
 }
 
 impl Default for LogOptions {
     fn default() -> Self {
         let scan_interval = Duration::from_millis(200);
-        Self { range_max_m: None, field_of_view_rad: None, robot_from_lrf: None, scan_interval }
+        Self { range_max_m: None, field_of_view_rad: None, robot_from_lrf: None, scan_interval, topic: None }
     }
 }
 
@@ -94,7 +97,7 @@ impl LogScan {
 pub struct LogReader {
     file: String,
     size_bytes: u64,
-    lines: Lines,
+    source: Source,
     format: Option<(LogFormat, Box<dyn LineReader>)>,
     options: LogOptions,
     range_limit: RangeLimit,
@@ -116,8 +119,11 @@ impl LogReader {
     /// If it cannot be opened, is empty or no log, or has no scan that can be read.
     pub fn open(path: &Path, options: LogOptions) -> Result<Self, LogError> {
         let file = path.display().to_string();
+        if let Some((bag, size)) = bag_at(path, &options)? {
+            return Self::start(file, Source::Bag(Box::new(bag)), size, options);
+        }
         let (lines, size) = Lines::open(path).map_err(|source| LogError::Open { file: file.clone(), source })?;
-        Self::start(file, lines, size, options)
+        Self::start(file, Source::Lines(Box::new(lines)), size, options)
     }
 
     /// Reads a log from `source`; `name` stands for the file in messages.
@@ -127,14 +133,14 @@ impl LogReader {
     pub fn from_reader(name: &str, source: impl Read + Send + 'static, options: LogOptions) -> Result<Self, LogError> {
         let file = name.to_owned();
         let lines = Lines::new(source).map_err(|source| LogError::Open { file: file.clone(), source })?;
-        Self::start(file, lines, 0, options)
+        Self::start(file, Source::Lines(Box::new(lines)), 0, options)
     }
 
-    fn start(file: String, lines: Lines, size_bytes: u64, options: LogOptions) -> Result<Self, LogError> {
+    fn start(file: String, source: Source, size_bytes: u64, options: LogOptions) -> Result<Self, LogError> {
         let mut reader = Self {
             file,
             size_bytes,
-            lines,
+            source,
             format: None,
             options,
             range_limit: RangeLimit::new(options.range_max_m),
@@ -162,7 +168,10 @@ impl LogReader {
 
     /// The format; known since a scan has been read.
     pub fn format(&self) -> Option<LogFormat> {
-        self.format.as_ref().map(|(format, _)| *format)
+        match &self.source {
+            Source::Bag(bag) => Some(bag.format()),
+            Source::Lines(_) => self.format.as_ref().map(|(format, _)| *format),
+        }
     }
 
     /// What was met so far.
@@ -177,16 +186,23 @@ impl LogReader {
 
     /// Bytes of the file read so far, to watch from elsewhere.
     pub fn bytes_read(&self) -> ByteCount {
-        self.lines.bytes_read()
+        match &self.source {
+            Source::Lines(lines) => lines.bytes_read(),
+            Source::Bag(bag) => bag.bytes_read(),
+        }
     }
 
     /// SHA-256 of the whole file, hexadecimal; of no file, or of one that cannot be read, of the bytes so far.
     pub fn sha256(&mut self) -> String {
+        let lines = match &mut self.source {
+            Source::Lines(lines) => lines,
+            Source::Bag(bag) => return bag.sha256(),
+        };
         if self.size_bytes > 0 {
             // A file that cannot be read further was reported when its lines could not.
-            let _ = self.lines.read_rest();
+            let _ = lines.read_rest();
         }
-        self.lines.sha256()
+        lines.sha256()
     }
 
     /// Ranges from here on are misses, m, as far as the log has shown.
@@ -195,9 +211,11 @@ impl LogReader {
     }
 
     fn no_scan(&self) -> LogError {
-        let (file, lines) = (self.file.clone(), self.lines.line_number());
+        let (file, lines) = (self.file.clone(), self.line_number());
         if let Some(first) = self.counts.damaged.first().cloned() {
             LogError::AllDamaged { file, damaged: self.counts.damaged_lines, first }
+        } else if let Source::Bag(bag) = &self.source {
+            bag.no_scan(file)
         } else if self.format.is_some() {
             LogError::NoScan { file, lines }
         } else if self.content_lines == 0 && !self.counts.cut_last_line {
@@ -217,9 +235,17 @@ impl LogReader {
         scan
     }
 
+    fn line_number(&self) -> u64 {
+        match &self.source {
+            Source::Lines(lines) => lines.line_number(),
+            Source::Bag(bag) => bag.number(),
+        }
+    }
+
     fn next_raw(&mut self) -> Result<Option<RawScan>, LogError> {
         loop {
-            let line = match self.lines.next_line() {
+            let Source::Lines(lines) = &mut self.source else { return self.next_of_bag() };
+            let line = match lines.next_line() {
                 Ok(Some(line)) => line,
                 Ok(None) => return Ok(None),
                 Err(LineFault::TooLong) if self.format.is_some() => {
@@ -246,19 +272,20 @@ impl LogReader {
                 Err(fault) => self.counts.add_damaged(line.number, fault),
             }
             if self.format.is_none() && self.content_lines >= LINES_BEFORE_GIVING_UP {
-                return Err(LogError::NotALog { file: self.file.clone(), lines: self.lines.line_number() });
+                return Err(LogError::NotALog { file: self.file.clone(), lines: self.line_number() });
             }
         }
     }
 
     fn skip_long_line(&mut self) -> Result<(), LogError> {
         let expected = format!("at most {LINE_BYTES_MAX} bytes");
-        self.counts.add_damaged(self.lines.line_number(), fault("line".to_owned(), &expected, Some("more")));
-        self.lines.skip_line().map_err(|source| self.read_error(source))
+        self.counts.add_damaged(self.line_number(), fault("line".to_owned(), &expected, Some("more")));
+        let Source::Lines(lines) = &mut self.source else { return Ok(()) };
+        lines.skip_line().map_err(|source| self.read_error(source))
     }
 
     fn read_error(&self, source: LineFault) -> LogError {
-        let (file, line) = (self.file.clone(), self.lines.line_number());
+        let (file, line) = (self.file.clone(), self.line_number());
         match source {
             LineFault::TooLong if self.format.is_none() => LogError::NotALog { file, lines: line },
             _ => LogError::Read { file, line, scans: self.scans_read, source },
@@ -292,8 +319,8 @@ impl LogReader {
         self.counts.scans += 1;
         LogScan {
             stamp,
-            range_max_m: self.range_limit.range_max_m(),
-            beams: self.beams(scan),
+            range_max_m: scan.range_max_m.filter(|_| scan.exact.is_some()).unwrap_or(self.range_limit.range_max_m()),
+            beams: scan.exact.clone().unwrap_or_else(|| self.beams(scan)),
             map_from_robot_odometry: scan.odometry_from_robot.map(|pose| pose.to_f32()),
             robot_from_lrf: self.options.robot_from_lrf.or(scan.robot_from_lrf).or(measured),
             line: scan.line,
@@ -312,7 +339,7 @@ impl LogReader {
         let (bearings, range_max_m) = (self.bearings(scan), self.range_limit.range_max_m());
         let beam = |(index, &range_m): (usize, &f32)| Beam {
             bearing_rad: bearings.of(index),
-            offset: Duration::from_micros(scan.beam_interval.micros * index as i64),
+            offset: Duration::from_micros(scan.first_offset.micros + scan.beam_interval.micros * index as i64),
             echo: echo(range_m, range_max_m),
         };
         scan.ranges_m.iter().enumerate().map(beam).collect()
@@ -333,7 +360,7 @@ fn read_line(
     beam_count: Option<usize>,
 ) -> Result<Content, FieldFault> {
     if format.is_none() {
-        *format = LogFormat::of_line(&line.text).map(|format| (format, format.reader()));
+        *format = LogFormat::of_line(&line.text);
     }
     let Some((_, reader)) = format else { return Ok(Content::Unknown) };
     let content = reader.read(line)?;

@@ -1,6 +1,7 @@
 //! A scan as a log line says it, before the log as a whole gives it its maximum range and mounting.
 
 use lrfslam_core::geometry::Pose2;
+use lrfslam_core::scan::Beam;
 use lrfslam_core::time::{Duration, Instant};
 
 use crate::input::text::{FieldFault, Line, Words, fault};
@@ -61,7 +62,11 @@ pub(super) struct RawScan {
     pub bearings: Option<Bearings>,
     /// As declared by the log, in this line or before.
     pub range_max_m: Option<f32>,
+    /// Of the first beam after the stamp.
+    pub first_offset: Duration,
     pub beam_interval: Duration,
+    /// The beams to the bit, with `range_max_m`; the rest then only says what they are like.
+    pub exact: Option<Vec<Beam>>,
     pub odometry_from_robot: Option<PoseF64>,
     pub odometry_from_lrf: Option<PoseF64>,
     /// Known from the format.
@@ -77,7 +82,9 @@ impl RawScan {
             ranges_m,
             bearings: None,
             range_max_m: None,
+            first_offset: Duration::ZERO,
             beam_interval: Duration::ZERO,
+            exact: None,
             odometry_from_robot: None,
             odometry_from_lrf: None,
             robot_from_lrf: None,

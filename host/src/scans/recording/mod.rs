@@ -27,6 +27,7 @@ mod blocks;
 mod mend;
 mod reader;
 mod recorder;
+mod sink;
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 use lrfslam_lrf::driver::Input;

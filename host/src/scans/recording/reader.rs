@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek as _, SeekFrom};
 use std::path::Path;
 
 use anyhow::{Context as _, bail};
@@ -11,6 +11,7 @@ use lrfslam_core::time::Instant;
 use super::blocks::{Blocks, Damage};
 use super::{Entry, HEAD, MAGIC, MAX_PAYLOAD, RecordingHeader};
 use crate::plural::count;
+use crate::scans::mcap::{RawBytes, is_mcap};
 
 /// How a recording ended, and what of it is not what was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,7 +78,7 @@ impl fmt::Display for RecordingEnd {
 }
 
 /// Reads a recording, record by record, over damage to its end.
-pub struct RecordingReader<R = BufReader<File>> {
+pub struct RecordingReader<R = Box<dyn Read + Send>> {
     header: RecordingHeader,
     blocks: Blocks<R>,
     /// Records that are whole, and how many bytes of them were read.
@@ -96,14 +97,22 @@ impl<R> fmt::Debug for RecordingReader<R> {
 }
 
 impl RecordingReader {
-    /// Opens a recording.
+    /// Opens a recording: a file of its own, or a channel of an MCAP file.
     ///
     /// # Errors
     /// If the file cannot be read, or is none.
     pub fn open(path: &Path) -> anyhow::Result<Self> {
         let named = || path.display().to_string();
-        let file = File::open(path).with_context(named)?;
-        Self::new(BufReader::new(file)).with_context(named)
+        let mut file = BufReader::new(File::open(path).with_context(named)?);
+        let mut magic = Vec::new();
+        (&mut file).take(8).read_to_end(&mut magic).with_context(named)?;
+        file.seek(SeekFrom::Start(0)).with_context(named)?;
+        if !is_mcap(&magic) {
+            return Self::new(Box::new(file)).with_context(named);
+        }
+        let bytes = RawBytes::new(file).with_context(named)?;
+        let bytes = bytes.context("an MCAP file without the bytes of a laser: `lrfslam map` reads its scans");
+        Self::new(Box::new(bytes.with_context(named)?)).with_context(named)
     }
 }
 

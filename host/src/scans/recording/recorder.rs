@@ -8,9 +8,11 @@ use anyhow::Context as _;
 use lrfslam_core::time::Instant;
 use lrfslam_lrf::driver::Input;
 
+use super::sink::Sink;
 use super::{CRC32, GOES_ON, HEAD, MAGIC, RecordingHeader, RecordingReader};
 use crate::output::{GrowingFile, Hole};
 use crate::scans::family::LrfFamily;
+use crate::scans::mcap::{RAW_TOPIC, SharedMcap};
 
 /// Where to record to, and how much.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -23,12 +25,14 @@ pub struct RecordPlan {
     pub overwrite: bool,
     /// Goes on in the recording of a run that was killed, of the same laser; nothing of it goes.
     pub goes_on: bool,
+    /// The file is MCAP, and others write to it too.
+    pub bag: Option<SharedMcap>,
 }
 
 impl RecordPlan {
     /// * `path` — a file that is not there yet; up to 2000 MB, which is four hours of the fastest laser here (a UTM-30LX, 140 kB/s)
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), max_bytes: 2_000_000_000, overwrite: false, goes_on: false }
+        Self { path: path.into(), max_bytes: 2_000_000_000, overwrite: false, goes_on: false, bag: None }
     }
 }
 
@@ -47,6 +51,8 @@ pub struct RecordingReport {
 
 /// To the file at least this often, µs, so that little is lost however the program ends.
 const SAVE_EVERY_US: i64 = 1_000_000;
+/// The same into MCAP: what a kill takes is less than a second then, whatever comes together.
+const SAVE_BAG_EVERY_US: i64 = 500_000;
 /// To the file when so many bytes wait.
 const BLOCK: usize = 1 << 16;
 /// Kept of a port where no laser is found.
@@ -58,7 +64,7 @@ const CLOSING: u64 = 2 * HEAD as u64 + 4;
 enum State {
     /// No laser was found yet: records wait, and there is no file.
     Waiting,
-    Writing(GrowingFile),
+    Writing(Sink),
     Ended(Option<String>),
 }
 
@@ -132,7 +138,7 @@ impl Recorder {
         self.save()
     }
 
-    fn create(&mut self) -> io::Result<GrowingFile> {
+    fn create(&mut self) -> io::Result<Sink> {
         if self.plan.goes_on {
             return self.go_on();
         }
@@ -144,15 +150,28 @@ impl Recorder {
         let path = self.aside.as_ref().unwrap_or(&self.plan.path);
         let mut options = OpenOptions::new();
         options.write(true).create(true).truncate(true).create_new(!self.plan.overwrite);
-        let mut file = GrowingFile::new(path, options.open(path)?);
+        let file = GrowingFile::new(path, options.open(path)?);
+        let mut sink = match &self.plan.bag {
+            Some(bag) => {
+                let channel = bag.channel(RAW_TOPIC).ok_or(ErrorKind::Unsupported)?;
+                bag.begin(file, self.plan.max_bytes);
+                Sink::Bag(bag.clone(), channel)
+            }
+            None => Sink::File(file),
+        };
         // Nothing waits yet: it is taken.
-        let _ = file.write(&head);
-        self.bytes = head.len() as u64;
-        Ok(file)
+        let _ = sink.write(self.now, &head);
+        self.bytes = sink.bytes().unwrap_or(head.len() as u64);
+        Ok(sink)
     }
 
     /// Behind what is there, whatever that ends with.
-    fn go_on(&mut self) -> io::Result<GrowingFile> {
+    fn go_on(&mut self) -> io::Result<Sink> {
+        if self.plan.bag.is_some() {
+            return Err(io::Error::other(
+                "nothing goes on in an MCAP file: --resume needs a recording such as laser.rec",
+            ));
+        }
         let known = RecordingReader::open(&self.plan.path).map_err(|error| io::Error::other(format!("{error:#}")))?;
         if known.header().lrf != self.header.lrf {
             return Err(io::Error::other("it is of another laser, or of one that was asked for something else"));
@@ -165,7 +184,7 @@ impl Recorder {
         seal(&mut block, self.now);
         let _ = file.write(&block);
         self.bytes += block.len() as u64;
-        Ok(file)
+        Ok(Sink::File(file))
     }
 
     /// A scan has come: what was recorded takes the place of an older file.
@@ -244,13 +263,14 @@ impl Recorder {
         }
         push(&mut self.block, kind, now, payload);
         let since = *self.block_since.get_or_insert(now);
-        let is_due = now.since(since).micros > SAVE_EVERY_US || self.block.len() > BLOCK;
+        let wait_us = if self.plan.bag.is_some() { SAVE_BAG_EVERY_US } else { SAVE_EVERY_US };
+        let is_due = now.since(since).micros > wait_us || self.block.len() > BLOCK;
         if is_due { self.save() } else { Ok(()) }
     }
 
     /// Puts what waits into the file at once, and its check behind it; what the disk has no room for, and memory neither, is missing.
     fn save(&mut self) -> io::Result<()> {
-        let State::Writing(file) = &mut self.state else { return Ok(()) };
+        let State::Writing(sink) = &mut self.state else { return Ok(()) };
         let Some(since) = self.block_since.take() else { return Ok(()) };
         let mut block = Vec::new();
         if let Some(from) = self.missing_since {
@@ -259,21 +279,21 @@ impl Recorder {
         }
         block.append(&mut self.block);
         seal(&mut block, self.now);
-        match file.write(&block) {
+        match sink.write(self.now, &block) {
             Ok(()) => {
-                self.bytes += block.len() as u64;
+                self.bytes = sink.bytes().unwrap_or(self.bytes + block.len() as u64);
                 self.missing_since = None;
             }
             Err(_) => self.missing_since = self.missing_since.or(Some(since)),
         }
-        self.holes = file.holes();
+        self.holes = sink.holes();
         Ok(())
     }
 
     /// What there is to tell of the disk.
     pub fn news(&mut self) -> Option<String> {
         match &mut self.state {
-            State::Writing(file) => file.news(),
+            State::Writing(sink) => sink.news(),
             State::Waiting | State::Ended(_) => None,
         }
     }
@@ -281,13 +301,13 @@ impl Recorder {
     /// The last check, and the end.
     fn close(&mut self) -> io::Result<()> {
         self.save()?;
-        let State::Writing(file) = &mut self.state else { return Ok(()) };
+        let State::Writing(sink) = &mut self.state else { return Ok(()) };
         push(&mut self.block, b'e', self.now, b"");
-        if file.write(&self.block).is_ok() {
-            self.bytes += self.block.len() as u64;
+        if sink.write(self.now, &self.block).is_ok() {
+            self.bytes = sink.bytes().unwrap_or(self.bytes + self.block.len() as u64);
         }
-        let written = file.finish();
-        self.holes = file.holes();
+        let written = sink.finish();
+        self.holes = sink.holes();
         written.or_else(|error| self.end_with(error))
     }
 

@@ -17,6 +17,7 @@ use lrfslam_host::output::ResultFolder;
 use lrfslam_host::plural::count;
 use lrfslam_host::results::report::Ending;
 use lrfslam_host::robot::{Absurd, JOURNAL, LinkEvent, RobotEvent, Told};
+use lrfslam_host::runs::bag::RunBag;
 use lrfslam_host::runs::map::Beside;
 
 /// From one line about the robot to the next.
@@ -54,6 +55,8 @@ pub(super) struct Book<'a> {
     pub(super) is_refused: bool,
     pub(super) fault: Option<anyhow::Error>,
     pub(super) watched: Watched,
+    /// What is recorded, life after life.
+    bag: Option<RunBag>,
     /// Of one of its lives there are results.
     pub(super) has_results: bool,
 }
@@ -77,6 +80,7 @@ fn last_life(out: &Path) -> Option<(u32, PathBuf)> {
 impl<'a> Book<'a> {
     pub(super) fn open(args: &'a AttachArgs, config: &'a RunConfig, watched: Watched) -> Result<Self, Failure> {
         let (mut folder, mut run, mut life) = (None, None, 0);
+        let bag = args.record.bag(None)?;
         match args.out.named().filter(|_| args.resume) {
             Some(out) => {
                 let none = || anyhow!("{}: nothing to resume, there is no {JOURNAL}", out.display());
@@ -91,7 +95,7 @@ impl<'a> Book<'a> {
             }
             None => folder = Some(args.out.folder("robot")?),
         }
-        Ok(Self {
+        let mut book = Self {
             args,
             config,
             run,
@@ -109,13 +113,17 @@ impl<'a> Book<'a> {
             is_refused: false,
             fault: None,
             watched,
+            bag,
             has_results: false,
-        })
+        };
+        book.record();
+        Ok(book)
     }
 
     fn say(&self, text: &str) {
         self.args.tell.say(text);
         self.watched.tell(text);
+        self.bag.iter().for_each(|bag| bag.say(text));
     }
 
     pub(super) fn take(&mut self, event: LinkEvent<'_>) {
@@ -234,8 +242,26 @@ impl<'a> Book<'a> {
             .next_folder()
             .and_then(|folder| RobotRun::open(folder, self.config.robot_setup(), self.args.seed.seed));
         match opened {
-            Ok(run) => self.run = Some(run),
+            Ok(run) => {
+                self.run = Some(run);
+                self.record();
+            }
             Err(fault) => self.fail(fault),
+        }
+    }
+
+    /// What the robot tells from now on goes into the recording, too.
+    fn record(&mut self) {
+        let (Some(run), Some(bag)) = (&mut self.run, &self.bag) else { return };
+        match bag.begin(self.args.out.overwrites()) {
+            Ok(()) => run.record(bag.clone()),
+            Err(fault) => self.fail(fault),
+        }
+    }
+
+    pub(super) fn end_recording(&self) {
+        if let Some(Err(error)) = self.bag.as_ref().map(RunBag::finish) {
+            say(&format!("--record: {error}"));
         }
     }
 

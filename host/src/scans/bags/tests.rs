@@ -1,0 +1,81 @@
+//! Messages as they come, and those that are wrong.
+
+use std::io::Cursor;
+use std::sync::Arc;
+
+use lrfslam_core::time::{Duration, Instant};
+
+use super::messages::scan;
+use super::*;
+use crate::scans::mcap::Message;
+
+/// A scan of ROS 2 in either order of bytes: from `start` on, `step` apart.
+fn laser_scan(is_big: bool, [start, step]: [f32; 2], ranges: &[f32]) -> Message {
+    let word = |value: u32| if is_big { value.to_be_bytes() } else { value.to_le_bytes() };
+    let mut data = vec![0, u8::from(!is_big), 0, 0];
+    // Time, and a frame of three letters and the 0 behind them, which needs no filling up.
+    for value in [7, 500_000_000, 4] {
+        data.extend(word(value));
+    }
+    data.extend(b"abc\0");
+    let last = start + step * (ranges.len() as f32 - 1.0);
+    for value in [start, last, step, 0.001, 0.1, 0.2, 10.0] {
+        data.extend(word(value.to_bits()));
+    }
+    data.extend(word(ranges.len() as u32));
+    data.extend(ranges.iter().flat_map(|range| word(range.to_bits())));
+    data.extend(word(0));
+    message("sensor_msgs/msg/LaserScan", "cdr", data)
+}
+
+fn message(schema: &str, encoding: &str, data: Vec<u8>) -> Message {
+    let channel = Channel { topic: "/scan".to_owned(), encoding: encoding.to_owned(), schema: schema.to_owned() };
+    Message { channel: Arc::new(channel), sequence: 0, time_ns: 1, data, is_suspect: false }
+}
+
+#[test]
+fn either_order_of_bytes_and_either_way_round() {
+    let ranges = [1.0, f32::INFINITY, 0.1, 4.0];
+    for is_big in [false, true] {
+        let read = scan(3, &laser_scan(is_big, [-0.3, 0.2], &ranges)).unwrap();
+        assert_eq!((read.number, read.stamp), (3, Instant::from_micros(7_500_000)));
+        let Ranges::Even { ranges_m, bearings_rad, offsets, range_max_m } = read.ranges else { panic!() };
+        assert_eq!((ranges_m[0], ranges_m[1], ranges_m[3]), (1.0, f32::INFINITY, 4.0));
+        assert!(ranges_m[2].is_nan(), "nearer than the laser sees");
+        assert_eq!((bearings_rad, range_max_m), ([-0.3, 0.2], Some(10.0)));
+        assert_eq!(offsets, [Duration::ZERO, Duration::from_micros(1000)]);
+        // Clockwise: the last beam comes first, and is the latest.
+        let read = scan(3, &laser_scan(is_big, [0.3, -0.2], &ranges)).unwrap();
+        let Ranges::Even { ranges_m, bearings_rad: [first, step], offsets, .. } = read.ranges else { panic!() };
+        assert!(ranges_m[0] == 4.0 && ranges_m[3] == 1.0 && (first + 0.3).abs() < 1e-6 && step == 0.2);
+        assert_eq!(offsets, [Duration::from_micros(3000), Duration::from_micros(-1000)]);
+    }
+}
+
+#[test]
+fn what_is_wrong_is_said_with_topic_type_and_what_was_expected() {
+    let fault = |message: &Message| scan(1, message).unwrap_err().to_string();
+    let whole = laser_scan(false, [-0.3, 0.2], &[1.0; 4]);
+    for cut in 0..whole.data.len() - 4 {
+        let text = fault(&Message { data: whole.data[..cut].to_vec(), ..whole.clone() });
+        assert!(text.contains("/scan (sensor_msgs/msg/LaserScan): expected a whole message"), "{text}");
+    }
+    assert!(fault(&laser_scan(false, [0.0, 0.2], &[])).contains("expected 1 to 20000 ranges, found 0"));
+    assert!(fault(&laser_scan(false, [0.0, 4.0], &[1.0; 4])).contains("expected an angle_increment"));
+    assert!(fault(&laser_scan(false, [f32::NAN, 0.1], &[1.0; 4])).contains("expected an angle_increment"));
+    let json = message("foxglove.LaserScan", "protobuf", Vec::new());
+    assert!(fault(&json).contains("expected messages in json, found protobuf"));
+    let other = Message { channel: message("sensor_msgs/LaserScan", "cbor", Vec::new()).channel, ..whole };
+    assert!(fault(&other).contains("expected messages in cdr or ros1, found cbor"));
+}
+
+#[test]
+fn what_is_no_bag_is_refused() {
+    let open = |bytes: &[u8]| Bag::from_reader(Cursor::new(bytes.to_vec()), None);
+    assert!(open(b"").unwrap_err().to_string().contains("not a bag"));
+    assert!(open(b"FLASER 1 2 3").is_err());
+    for magic in [b"\x89MCAP0\r\n".as_slice(), b"#ROSBAG V2.0\n", b"SQLite format 3\0"] {
+        let Ok(mut bag) = open(magic) else { continue };
+        assert!(matches!(bag.take(), Taken::Cut | Taken::End), "{magic:?}");
+    }
+}
