@@ -12,7 +12,7 @@ mod write;
 
 pub use read::{ReadScan, read_scan};
 pub use schemas::{FRAME_TRANSFORMS, GRID, LASER_SCAN, LOG, POINT_CLOUD, POSE_IN_FRAME};
-pub use write::{Seen, cells, grid, log, points, pose, scan, transforms};
+pub use write::{Seen, cells, log, points, pose, scan, transforms};
 
 /// The frame of the map.
 pub const MAP_FRAME: &str = "map";

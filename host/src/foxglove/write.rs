@@ -6,8 +6,7 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 
 use super::base64::encode;
-use super::{FREE, LASER_FRAME, MAP_FRAME, OCCUPIED, ROBOT_FRAME, UNKNOWN};
-use crate::maps::occupancy::{Occupancy, Raster};
+use super::{LASER_FRAME, MAP_FRAME, ROBOT_FRAME};
 
 /// What is known beside a scan, so that it can be read back.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -120,19 +119,7 @@ pub fn transforms(time_ns: u64, map_from_robot: Pose2, robot_from_lrf: Option<Po
     format!("{{\"transforms\":[{}]}}", all.collect::<Vec<_>>().join(",")).into_bytes()
 }
 
-/// `foxglove.Grid` of a map: [`FREE`], [`OCCUPIED`] or [`UNKNOWN`] for each cell.
-pub fn grid(time_ns: u64, raster: &Raster) -> Vec<u8> {
-    // Rows go up, where those of the image go down.
-    let rows = raster.pixels.chunks(raster.width.max(1)).rev();
-    let cell = |occupancy: &Occupancy| match occupancy {
-        Occupancy::Free => FREE,
-        Occupancy::Unknown => UNKNOWN,
-        Occupancy::Occupied => OCCUPIED,
-    };
-    cells(time_ns, raster.origin_m, raster.pixel_size_m, (raster.width, rows.flatten().map(cell)))
-}
-
-/// The same, of cells: row by row from below.
+/// `foxglove.Grid` of a map: [`FREE`](super::FREE), [`OCCUPIED`](super::OCCUPIED) or [`UNKNOWN`](super::UNKNOWN) for each cell, row by row from below.
 ///
 /// * `origin_m` — lower left corner of the first cell in the map
 /// * `size_m` — edge of a cell

@@ -8,8 +8,8 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::time::Instant;
 
-use crate::foxglove::{self, FRAME_TRANSFORMS, GRID, LASER_SCAN, LOG, POSE_IN_FRAME, Seen};
-use crate::maps::occupancy::Raster;
+use crate::foxglove::{self, FRAME_TRANSFORMS, FREE, GRID, LASER_SCAN, LOG, OCCUPIED, POSE_IN_FRAME, Seen, UNKNOWN};
+use crate::maps::occupancy::{Occupancy, Raster};
 use crate::output::GrowingFile;
 use crate::scans::mcap::{ChannelPlan, RAW_ENCODING, RAW_TOPIC, SharedMcap};
 
@@ -102,7 +102,15 @@ impl RunBag {
     /// The map as it is now.
     pub fn map(&self, raster: &Raster) {
         let time_ns = self.file.time_ns();
-        self.file.write(MAP, time_ns, &foxglove::grid(time_ns, raster));
+        // Rows go up, where those of the image go down.
+        let rows = raster.pixels.chunks(raster.width.max(1)).rev();
+        let cell = |occupancy: &Occupancy| match occupancy {
+            Occupancy::Free => FREE,
+            Occupancy::Unknown => UNKNOWN,
+            Occupancy::Occupied => OCCUPIED,
+        };
+        let cells = (raster.width, rows.flatten().map(cell));
+        self.file.write(MAP, time_ns, &foxglove::cells(time_ns, raster.origin_m, raster.pixel_size_m, cells));
     }
 
     /// What was said to the user.

@@ -310,6 +310,7 @@ impl<'a, 'm> LiveMapping<'a, 'm> {
     }
 
     fn save_if_due(&mut self) {
+        self.plan.bag.iter().filter_map(|bag| bag.file().news()).for_each(|news| say(&news));
         if self.folder.is_due(self.plan.args.save.every()) || self.watched.is_asked_to_save() {
             // What the driver has counted is told at the end.
             let about = self.about(Ending::Running);

@@ -6,6 +6,7 @@ use anyhow::ensure;
 use clap::Args;
 
 use super::Failure;
+use super::shared::RECORD;
 use crate::config::RunConfig;
 use lrfslam_host::runs::bag::RunBag;
 use lrfslam_host::scans::log::LogOptions;
@@ -13,8 +14,7 @@ use lrfslam_host::scans::log::LogOptions;
 /// What a run does, as a file to look at.
 #[derive(Debug, Args)]
 pub(super) struct RecordArgs {
-    /// Record scans, poses, frames, the map and what is said to this MCAP file, for Foxglove and others; its scans can be mapped again.
-    #[arg(long, value_name = "FILE.mcap")]
+    #[arg(long, value_name = "FILE", help = RECORD)]
     record: Option<PathBuf>,
 }
 

@@ -8,6 +8,7 @@ use clap::Args;
 use super::Failure;
 use super::laser::LaserArgs;
 use super::live_scans::Mapping;
+use super::shared::RECORD;
 use lrfslam_host::output::{RECORDING, ResultFolder, keep_latest};
 use lrfslam_host::runs::bag::{RunBag, is_mcap_name};
 use lrfslam_host::runs::scans::Scans;
@@ -22,9 +23,7 @@ const STEM: &str = "run";
 pub(super) struct RunArgs {
     #[command(flatten)]
     laser: LaserArgs,
-    /// Record every byte, both ways, with its time, to this file [default: laser.rec among the results]; lrfslam replay runs it
-    /// again. A name that ends in .mcap gets scans, poses, frames and the map too, for Foxglove and others.
-    #[arg(long, value_name = "FILE", conflicts_with = "no_record")]
+    #[arg(long, value_name = "FILE", conflicts_with = "no_record", help = RECORD)]
     record: Option<PathBuf>,
     /// Record nothing.
     #[arg(long, conflicts_with = "resume")]

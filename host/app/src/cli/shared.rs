@@ -32,6 +32,9 @@ pub(super) const LOG: &str =
 pub(super) const MAP: &str = "Folder that `lrfslam map` has written";
 /// Help of `--resume`.
 pub(super) const RESUME: &str = "Go on with the run in the folder --out that was killed, with the same settings: what it has recorded is taken again, then what comes";
+/// Help of `--record`.
+pub(super) const RECORD: &str = "Record to this file: a name that ends in .mcap gets scans, poses, frames, the map and what is said, for Foxglove and others; \
+     run records every byte of its laser, by default to laser.rec among the results";
 /// Help of `--seconds`.
 pub(super) const SECONDS: &str = "End after so many seconds of scans";
 

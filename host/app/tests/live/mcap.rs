@@ -1,6 +1,7 @@
 //! Recordings that others open: MCAP, read by the package `mcap` of PyPI where that is installed (`LRFSLAM_PYTHON`, else `python3`).
 
 use std::fs;
+use std::io::Cursor;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -8,6 +9,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use crate::attach::Bench;
 use crate::common::{lrfslam, run};
 use crate::laser::Laser;
+use lrfslam_host::scans::mcap::{McapReader, RAW_TOPIC};
 
 /// Runs a script beside this file if Python has the package; says so if it has not.
 fn python(package: &str, script: &str, arguments: &[&Path]) -> Option<String> {
@@ -54,6 +56,13 @@ fn a_run_in_mcap_replays_to_the_same_map_and_others_read_it() {
     // Without bytes, the scans are there to the bit.
     done(folder, &["map", "b.mcap", "--out", "third", "-q"]);
     assert!(map_in(&folder.join("out")) == map_in(&folder.join("third")));
+    // A flipped bit is mended by the checks of the bytes themselves.
+    fs::copy(folder.join("a.mcap"), folder.join("flipped.mcap")).unwrap();
+    flip_a_bit(&folder.join("flipped.mcap"));
+    let (code, _, stderr) = run(folder, &["replay", "flipped.mcap", "--fast", "--out", "mended"]);
+    assert!(code == 0 && stderr.contains("1 flipped bit, which was mended"), "{stderr}");
+    done(folder, &["replay", "a.mcap", "--fast", "--out", "whole", "-q"]);
+    assert!(map_in(&folder.join("whole")) == map_in(&folder.join("mended")));
     let (code, _, stderr) = run(folder, &["replay", "b.mcap", "--out", "x"]);
     assert!(code == 2 && stderr.contains("without the bytes of a laser"), "{stderr}");
     let (code, _, stderr) = run(folder, &["map", "b.mcap", "--out", "x", "--record", "b.mcap", "--overwrite"]);
@@ -66,6 +75,17 @@ fn a_run_in_mcap_replays_to_the_same_map_and_others_read_it() {
         assert!(counts["/tf"] == 40 && counts["/log"].as_u64().unwrap() >= 1, "{read}");
         assert_eq!(counts["/laser/bytes"].is_null(), file == "b.mcap");
     }
+}
+
+/// Flips a bit in the middle of the longest piece of the laser's bytes.
+fn flip_a_bit(file: &Path) {
+    let mut bytes = fs::read(file).unwrap();
+    let mut reader = McapReader::new(Cursor::new(bytes.clone())).unwrap();
+    let blocks = std::iter::from_fn(|| reader.next_message()).filter(|message| message.channel.topic == RAW_TOPIC);
+    let longest = blocks.map(|message| message.data).max_by_key(Vec::len).unwrap();
+    let at = bytes.windows(longest.len()).position(|window| window == longest).unwrap();
+    bytes[at + longest.len() / 2] ^= 4;
+    fs::write(file, bytes).unwrap();
 }
 
 #[test]

@@ -38,7 +38,9 @@ pub(super) fn bag_at(path: &Path, options: &LogOptions) -> Result<Option<(BagSou
     let file = path.display().to_string();
     let files = bag_files(path);
     let fault = |source| LogError::Bag { file: file.clone(), source };
-    let Some(kind) = files.first().and_then(|first| kind_of(first).ok().flatten()) else { return Ok(None) };
+    // What is read of a pipe is gone.
+    let first = files.first().filter(|first| first.is_file());
+    let Some(kind) = first.and_then(|first| kind_of(first).ok().flatten()) else { return Ok(None) };
     let has_bytes = || Ok(RawBytes::new(BufReader::new(File::open(&files[0])?))?.is_some());
     if kind == BagKind::Mcap && has_bytes().map_err(fault)? {
         return Err(LogError::Recording { file });

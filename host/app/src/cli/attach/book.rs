@@ -302,6 +302,7 @@ impl<'a> Book<'a> {
     }
 
     pub(super) fn save_if_due(&mut self) {
+        self.bag.iter().filter_map(|bag| bag.file().news()).for_each(|news| say(&news));
         let is_asked = self.watched.is_asked_to_save();
         let is_due = |run: &&mut RobotRun| {
             !run.map().scans().is_empty() && (is_asked || run.folder().is_due(self.args.save.every()))
