@@ -64,11 +64,16 @@ impl Access {
         is_of_own_page(headers) && self.has_token(headers)
     }
 
+    /// This is the token.
+    pub fn is_token(&self, told: &str) -> bool {
+        <[u8; 32]>::from(Sha256::digest(told.as_bytes())) == self.digest
+    }
+
     /// Digests are compared: how long that takes says nothing about the token.
     fn has_token(&self, headers: &HeaderMap) -> bool {
         let told = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
         let told = told.and_then(|value| value.strip_prefix("Bearer "));
-        told.is_some_and(|token| <[u8; 32]>::from(Sha256::digest(token.as_bytes())) == self.digest)
+        told.is_some_and(|token| self.is_token(token))
     }
 }
 

@@ -85,7 +85,8 @@ async fn serve(stream: TcpStream, router: Router, _place: (OwnedSemaphorePermit,
         .timer(TokioTimer::new())
         .header_read_timeout(HEAD_WITHIN)
         .max_buf_size(HEAD_BYTES_MAX)
-        .serve_connection(TokioIo::new(stream), service);
+        .serve_connection(TokioIo::new(stream), service)
+        .with_upgrades();
     // What a guest does wrong ends its connection, and nothing else.
     let _ = tokio::time::timeout(LIFETIME, connection).await;
 }

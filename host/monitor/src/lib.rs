@@ -7,6 +7,8 @@
 
 mod access;
 mod doors;
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod remote;
 mod routes;
 mod server;

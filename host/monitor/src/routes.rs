@@ -52,11 +52,17 @@ pub struct Shared {
     has_told: AtomicBool,
     /// States that were sent.
     sent: AtomicUsize,
+    /// Places for Foxglove and others.
+    #[cfg(feature = "foxglove")]
+    pub viewers: Arc<tokio::sync::Semaphore>,
 }
 
 /// All routes.
 pub fn router(shared: Arc<Shared>) -> Router {
-    Router::new()
+    let router = Router::new();
+    #[cfg(feature = "foxglove")]
+    let router = router.route("/robots/{robot}/foxglove", get(crate::foxglove::open));
+    router
         .route("/", get(|| file("")))
         .route("/{file}", get(|Path(name): Path<String>| async move { file(&name).await }))
         .route("/robots", get(robots))
@@ -84,7 +90,15 @@ async fn file(name: &str) -> Response {
 impl Shared {
     /// Nobody was here yet.
     pub fn new(access: Access, robots: Vec<Robot>, tell: Tell) -> Self {
-        Self { access, robots, tell, has_told: AtomicBool::new(false), sent: AtomicUsize::new(0) }
+        Self {
+            access,
+            robots,
+            tell,
+            has_told: AtomicBool::new(false),
+            sent: AtomicUsize::new(0),
+            #[cfg(feature = "foxglove")]
+            viewers: Arc::new(tokio::sync::Semaphore::new(crate::foxglove::VIEWERS_MAX)),
+        }
     }
 
     /// The first pictures come at once, on a busy computer too.
@@ -94,7 +108,7 @@ impl Shared {
         }
     }
 
-    fn refuse(&self) -> Response {
+    pub fn refuse(&self) -> Response {
         if !self.has_told.swap(true, Ordering::Relaxed) {
             (self.tell)("somebody without the token, or from another page, was refused the live page");
         }
