@@ -1,6 +1,6 @@
 //! Bags: messages of robots, recorded by ROS 2 (MCAP, or SQLite `.db3`), by ROS 1 (`.bag`), or by this program (MCAP). No ROS is needed.
 //!
-//! Data flow: file → [container](Container) → messages → scans of one topic, each with the odometry at its time. What a file is, its
+//! Data flow: file → container → messages → scans of one topic, each with the odometry at its time. What a file is, its
 //! first bytes tell. Scans are `sensor_msgs/LaserScan` (CDR or ROS 1's form) and `foxglove.LaserScan` (JSON); odometry is `nav_msgs/Odometry`.
 //!
 //! A message that cannot be read is left out and told. A file that is cut is read as far as it goes.

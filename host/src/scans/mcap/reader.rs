@@ -40,7 +40,7 @@ pub struct Message {
     pub is_suspect: bool,
 }
 
-/// See the [module](self). It ends at a disk that cannot be read, too.
+/// Reads the messages of a file, over damage to the next chunk. It ends at a disk that cannot be read, too.
 pub struct McapReader<R> {
     input: R,
     size: u64,

@@ -10,7 +10,7 @@ use crate::output::{GrowingFile, Hole};
 /// Words that came before anything else did: kept until there is a time.
 const WAITING_MAX: usize = 100;
 
-/// See the [module](self). Clones are the same file.
+/// A file into which a laser's thread and a map's write. Clones are the same file.
 #[derive(Clone)]
 pub struct SharedMcap {
     plans: &'static [ChannelPlan],

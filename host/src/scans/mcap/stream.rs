@@ -20,7 +20,7 @@ const LOST: [u8; 33] = {
     bytes
 };
 
-/// See the [module](self).
+/// The bytes of a laser, as the stream that `laser.rec` is.
 pub struct RawBytes<R> {
     reader: McapReader<R>,
     next: u32,
