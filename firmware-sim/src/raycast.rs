@@ -22,28 +22,41 @@ const MARGIN_M: f32 = 0.02;
 #[derive(Debug)]
 pub struct RayCaster {
     rectangles: Vec<Rectangle>,
+    reflects: Vec<bool>,
     tree: Bvh,
 }
 
 impl RayCaster {
     /// Builds the tree.
     pub fn new(world: &World) -> Self {
-        let rectangles = world.rectangles().to_vec();
+        let (rectangles, reflects) = (world.rectangles().to_vec(), world.reflectors().to_vec());
         let boxes: Vec<Aabb> = rectangles.iter().map(box_round).collect();
-        Self { rectangles, tree: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes) }
+        Self { rectangles, reflects, tree: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes) }
     }
 
     /// Distance along `ray` to the nearest rectangle up to `range_max_m`, m.
     pub fn range_m(&self, ray: &Ray, range_max_m: f64) -> Option<f64> {
-        let nearest = Cell::new(f64::INFINITY);
+        self.nearest(ray, range_max_m).map(|(range_m, _)| range_m)
+    }
+
+    /// Distance along `ray` to the nearest rectangle up to `range_max_m`, m, if that is a reflector.
+    pub fn reflector_m(&self, ray: &Ray, range_max_m: f64) -> Option<f64> {
+        let (range_m, index) = self.nearest(ray, range_max_m)?;
+        self.reflects.get(index).is_some_and(|reflects| *reflects).then_some(range_m)
+    }
+
+    fn nearest(&self, ray: &Ray, range_max_m: f64) -> Option<(f64, usize)> {
+        let nearest = Cell::new((f64::INFINITY, 0));
         let single = Ray32::new(to_single(&ray.from), to_single(&ray.direction));
         self.tree.cast_ray(&single, range_max_m as f32 + MARGIN_M, |index, _| {
             let range_m = self.rectangles[index as usize].range_m(ray)?;
-            nearest.set(nearest.get().min(range_m));
+            if range_m < nearest.get().0 {
+                nearest.set((range_m, index as usize));
+            }
             // Rounded up, so that what is nearer by less than single precision tells is still looked at.
             Some(range_m as f32 + MARGIN_M)
         });
-        Some(nearest.get()).filter(|range_m| *range_m <= range_max_m)
+        Some(nearest.get()).filter(|(range_m, _)| *range_m <= range_max_m)
     }
 }
 

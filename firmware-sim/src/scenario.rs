@@ -14,13 +14,13 @@ use crate::people::{Person, PersonPlan};
 use crate::raycast::RayCaster;
 use crate::scene::RobotScene;
 use crate::world::World;
-use crate::world::building::{Block, CurvedWall, Panel, Part, PartFault, Place, Polygon, Slab, check};
+use crate::world::building::{Block, CurvedWall, Panel, Part, PartFault, Place, Polygon, Post, Slab, check};
 use crate::world::office::Office;
 use crate::world::ros_map::{RosMapError, add_map};
 use crate::world::wall::{Corridor, Room, Wall};
 
 /// The worlds that come with the program: name, what it is, and its file.
-pub const LIBRARY: [(&str, &str, &str); 8] = [
+pub const LIBRARY: [(&str, &str, &str); 9] = [
     ("room", "a room of 6 m by 4 m, the robot turning slowly within", include_str!("../worlds/room.toml")),
     ("floor", "a small floor of rooms and a corridor: the example log", include_str!("../worlds/floor.toml")),
     ("office", "an office floor of 36 m by 24 m whose corridors close loops", include_str!("../worlds/office.toml")),
@@ -29,6 +29,7 @@ pub const LIBRARY: [(&str, &str, &str); 8] = [
     ("loop", "a loop of 60 m by 40 m, as in figure 3.11 of the thesis", include_str!("../worlds/loop.toml")),
     ("maze", "a maze of thin walls seen from both sides", include_str!("../worlds/maze.toml")),
     ("small-maze", "a maze of ways 1 m wide", include_str!("../worlds/small-maze.toml")),
+    ("reflectors", "a hall of 24 m by 16 m with reflectors on posts", include_str!("../worlds/reflectors.toml")),
 ];
 
 /// Why a world cannot be had.
@@ -97,6 +98,7 @@ struct WorldFile {
     polygon: Vec<Spanned<Polygon>>,
     wall: Vec<Spanned<Wall>>,
     curved_wall: Vec<Spanned<CurvedWall>>,
+    post: Vec<Spanned<Post>>,
     block: Vec<Spanned<Block>>,
     slab: Vec<Spanned<Slab>>,
     room: Vec<Spanned<Room>>,
@@ -166,6 +168,7 @@ impl Scenario {
         source.build("polygon", &content.polygon, &mut world, height_m)?;
         source.build("wall", &content.wall, &mut world, height_m)?;
         source.build("curved_wall", &content.curved_wall, &mut world, height_m)?;
+        source.build("post", &content.post, &mut world, height_m)?;
         source.build("block", &content.block, &mut world, height_m)?;
         source.build("slab", &content.slab, &mut world, height_m)?;
         source.build("room", &content.room, &mut world, height_m)?;

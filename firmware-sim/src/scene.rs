@@ -15,6 +15,11 @@ pub trait Scene: Send {
     ///
     /// * `at` — when the ray leaves, on the simulator's clock; `bearing_rad` — from straight ahead, counter-clockwise, lrf frame
     fn range_m(&self, at: Instant, bearing_rad: f64) -> Option<f64>;
+
+    /// The ray meets a reflector, which is much brighter than anything else.
+    fn is_reflector(&self, _at: Instant, _bearing_rad: f64) -> bool {
+        false
+    }
 }
 
 /// How far rays go, m.
@@ -69,6 +74,12 @@ impl Scene for RobotScene {
         let people = self.people.iter().filter_map(|person| person.range_m(at, &ray));
         people.chain(self.caster.range_m(&ray, FARTHEST_M)).min_by(f64::total_cmp)
     }
+
+    fn is_reflector(&self, at: Instant, bearing_rad: f64) -> bool {
+        let ray = self.ray(at, bearing_rad);
+        let Some(reflector_m) = self.caster.reflector_m(&ray, FARTHEST_M) else { return false };
+        !self.people.iter().filter_map(|person| person.range_m(at, &ray)).any(|range_m| range_m < reflector_m)
+    }
 }
 
 #[cfg(test)]
@@ -99,6 +110,20 @@ mod tests {
         let range = |at_s: f64, bearing: f64| scene.range_m(Instant::from_secs_f64(at_s), bearing).unwrap();
         assert!((range(6.005, 0.0) - 2.0 / 60_f64.to_radians().sin()).abs() < 1e-2, "{}", range(6.005, 0.0));
         assert!((range(6.005, std::f64::consts::FRAC_PI_2) - 2.0).abs() < 1e-9, "along its axis nothing changes");
+    }
+
+    #[test]
+    fn reflectors_are_told_from_posts_and_hidden_by_people() {
+        let posts = "[[post]]\ncentre = [2, 0]\nradius_m = 0.1\nreflector = true\n[[post]]\ncentre = [0, 1]\nradius_m = 0.1\n";
+        let person = "[[person]]\nway = [[1, 0], [1, 0.1]]\nspeed_mps = 0\n";
+        let seen = |scene: &RobotScene, bearing: f64| {
+            (scene.range_m(Instant::default(), bearing).unwrap(), scene.is_reflector(Instant::default(), bearing))
+        };
+        let (range, is_reflector) = seen(&scene(posts), 0.0);
+        assert!((range - 1.9).abs() < 1e-3 && is_reflector);
+        let (range, is_reflector) = seen(&scene(posts), std::f64::consts::FRAC_PI_2);
+        assert!((range - 0.9).abs() < 1e-3 && !is_reflector);
+        assert!(!seen(&scene(&format!("{posts}{person}")), 0.0).1);
     }
 
     #[test]

@@ -17,6 +17,8 @@ pub use rectangle::{Ray, Rectangle, Vector};
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct World {
     rectangles: Vec<Rectangle>,
+    /// Of each: it sends light back to where it came from.
+    reflects: Vec<bool>,
 }
 
 impl World {
@@ -28,6 +30,17 @@ impl World {
     /// Puts a rectangle in; what is none ([`Rectangle::new`]) is left out.
     pub fn add(&mut self, rectangle: Option<Rectangle>) {
         self.rectangles.extend(rectangle);
+        self.reflects.resize(self.rectangles.len(), false);
+    }
+
+    /// Of each rectangle, whether it is a reflector.
+    pub fn reflectors(&self) -> &[bool] {
+        &self.reflects
+    }
+
+    /// All rectangles from this one on are reflectors.
+    pub(crate) fn make_reflectors(&mut self, from: usize) {
+        self.reflects.iter_mut().skip(from).for_each(|reflects| *reflects = true);
     }
 
     /// Distance along `ray` to the nearest rectangle, m; looks at every one. The oracle of [`crate::raycast`].

@@ -59,6 +59,8 @@ pub enum Event<'a> {
         /// From one scan to the next if the line is fast enough; zero if the sensor does not say.
         period: Duration,
     },
+    /// How bright the echoes of the next scan are, beam by beam, from 0 to 255; only if the sensor tells, and memory was lent for it.
+    Brightness(&'a [u8]),
     /// A scan, whole and verified.
     Scan(RangeScan<'a>),
     /// Something failed; the driver goes on by itself.

@@ -149,7 +149,7 @@ struct State {
 impl Search<'_> {
     fn view(&self, sighting: &Sighting, landmark: usize) -> Option<(SightJacobian, Vector2<f64>, Matrix2<f64>)> {
         let view = self.sensor.view(&self.belief.robot(), self.belief.landmark(landmark))?;
-        Some((joined(&view), innovation(sighting, &view), self.sensor.noise(view.seen.x, f64::INFINITY)))
+        Some((joined(&view), innovation(sighting, &view), self.sensor.noise_of(sighting, view.seen.x, f64::INFINITY)))
     }
 
     /// Landmarks up to the squared distance `reach`.

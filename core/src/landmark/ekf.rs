@@ -142,7 +142,7 @@ impl<'m> EkfSlam<'m> {
         let Some(record) = self.landmarks.get(landmark).copied() else { return refused };
         let Some(view) = self.sensor.view(&self.belief.robot(), self.belief.landmark(landmark)) else { return refused };
         let (jacobian, off) = (joined(&view), innovation(sighting, &view));
-        let noise = self.sensor.noise(view.seen.x, self.seconds - record.seen_s);
+        let noise = self.sensor.noise_of(sighting, view.seen.x, self.seconds - record.seen_s);
         let s = self.belief.between(landmark, &jacobian, landmark, &jacobian) + noise;
         let Some((squared, _)) = mahalanobis(off, &s) else { return refused };
         let gate = chi_squared(2, f64::from(self.config.gate_deviations)) * f64::from(self.config.new_landmark_gates);
@@ -164,7 +164,7 @@ impl<'m> EkfSlam<'m> {
         let count = self.belief.landmarks();
         let Some(record) = self.landmarks.get_mut(count) else { return Fate::Full };
         let place = self.sensor.place(&self.belief.robot(), sighting);
-        let noise = self.sensor.noise(sighting.range_m, f64::INFINITY);
+        let noise = self.sensor.noise_of(sighting, sighting.range_m, f64::INFINITY);
         if !self.belief.add(&place, &noise) {
             return Fate::Full;
         }

@@ -3,6 +3,8 @@
 //! [`Control`] → [`Travel`](travel::Travel) → robot's pose; [`Sighting`] → landmark → pose and map. Two filters have the same inputs:
 //! [`EkfSlam`](ekf::EkfSlam), one Gaussian over robot and all landmarks, and [`FastSlam`](fast::FastSlam), particles that each have a map.
 //!
+//! Sightings come from a file, or from a laser by [`detect`](mod@detect).
+//!
 //! * Both estimate two scales of the odometry beside the pose: true distance over reported distance, and the same for turns.
 //! * Numbers are `f64`: what landmarks have in common leaves a covariance near singular, which `f32` cannot hold.
 //! * Memory is lent by the caller, its size is fixed, and no input makes it grow; a full pool is counted, not a fault.
@@ -12,16 +14,17 @@
 
 pub mod assignment;
 pub mod belief;
+pub mod circle;
 pub mod covariance;
+pub mod detect;
 pub mod ekf;
 pub mod fast;
-
 pub mod sight;
 pub mod travel;
 
 use core::f64::consts::PI;
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Matrix2, SMatrix, SVector};
 
 /// Numbers of the robot in a state: x, y (m), heading (rad), scale of distances, scale of turns.
 pub const ROBOT: usize = 5;
@@ -62,6 +65,8 @@ pub struct Sighting {
     pub bearing_rad: f64,
     /// Which landmark it is, if the sensor tells.
     pub identity: Option<u16>,
+    /// Covariance of range (m) and bearing (rad), if it is known of this sighting; else that of the configuration.
+    pub noise: Option<Matrix2<f64>>,
 }
 
 /// What became of a sighting.

@@ -57,13 +57,26 @@ impl Sensor {
     ///   the information of a sampled first-order process. Held to at least a thousandth.
     pub fn noise(&self, range_m: f64, since_s: f64) -> Matrix2<f64> {
         let range = self.range_noise_m + self.range_noise_share * range_m;
-        let repeats = if self.hold_s > 0.0 {
-            let rho = libm::exp(-since_s.max(0.0) / self.hold_s);
-            ((1.0 + rho) / (1.0 - rho).max(1e-3)).min(1e3)
-        } else {
-            1.0
-        };
-        Matrix2::new(range * range, 0.0, 0.0, self.bearing_noise_rad * self.bearing_noise_rad) * repeats
+        let bearing = self.bearing_noise_rad;
+        Matrix2::new(range * range, 0.0, 0.0, bearing * bearing) * self.repeats(since_s)
+    }
+
+    /// The same of one sighting, which may tell its own.
+    ///
+    /// * `range_m` — as it is expected
+    pub fn noise_of(&self, sighting: &Sighting, range_m: f64, since_s: f64) -> Matrix2<f64> {
+        match sighting.noise {
+            Some(own) => own * self.repeats(since_s),
+            None => self.noise(range_m, since_s),
+        }
+    }
+
+    fn repeats(&self, since_s: f64) -> f64 {
+        if self.hold_s <= 0.0 {
+            return 1.0;
+        }
+        let rho = libm::exp(-since_s.max(0.0) / self.hold_s);
+        ((1.0 + rho) / (1.0 - rho).max(1e-3)).min(1e3)
     }
 
     /// The sensor's position seen from the robot's, in the map's directions; its heading in the map.

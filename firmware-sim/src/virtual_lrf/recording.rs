@@ -75,6 +75,14 @@ impl Sight {
         }
     }
 
+    /// A ray in this direction meets a reflector; recordings do not tell.
+    pub(super) fn is_reflector(&self, at: Instant, bearing_rad: f64) -> bool {
+        match self {
+            Sight::World(scene, _) => scene.is_reflector(at, bearing_rad),
+            Sight::Recording(_) => false,
+        }
+    }
+
     pub(super) fn is_recording(&self) -> bool {
         matches!(self, Sight::Recording(_))
     }

@@ -130,6 +130,34 @@ impl Part for CurvedWall {
     }
 }
 
+/// A round post, pillar or trunk; a reflector if it is wrapped in foil.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Post {
+    /// Centre, m.
+    pub centre: Place,
+    /// Radius, m.
+    pub radius_m: f64,
+    /// It sends light back to where it came from.
+    #[serde(default)]
+    pub reflector: bool,
+    /// Heights of its lower and upper edge, m.
+    pub z_m: Option<[f64; 2]>,
+}
+
+impl Part for Post {
+    fn build(&self, world: &mut World, height_m: f64) -> Result<(), PartFault> {
+        let before = world.rectangles().len();
+        let (centre, radius_m, pieces) = (self.centre, self.radius_m, usual_pieces());
+        let round = CurvedWall { centre, radius_m, from_deg: 0.0, to_deg: full_turn(), pieces, z_m: self.z_m };
+        round.build(world, height_m)?;
+        if self.reflector {
+            world.make_reflectors(before);
+        }
+        Ok(())
+    }
+}
+
 /// A box that stands on the floor or hangs: furniture, a pillar.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -57,7 +57,7 @@ pub fn read(place: &Path, robot: u8, ranges: Ranges, range_scale: f64) -> anyhow
             Ranges::Depths => row[2] / row[3].cos(),
             Ranges::Distances => row[2],
         } * range_scale;
-        let sighting = Sighting { range_m, bearing_rad: row[3], identity: Some(subject) };
+        let sighting = Sighting { range_m, bearing_rad: row[3], identity: Some(subject), noise: None };
         (subject > ROBOTS).then_some((row[0], sighting))
     });
     let events = merge(&velocities, batches(sightings));

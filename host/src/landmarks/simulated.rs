@@ -62,7 +62,7 @@ fn look(sensor: &Sensor, robot: &RobotState, post: &TrueLandmark, rng: &mut Rand
     let range_m = view.seen.x + f64::from(normal(rng)) * noise.m11.sqrt();
     let bearing_rad = wrap_angle(view.seen.y + f64::from(normal(rng)) * noise.m22.sqrt());
     let is_seen = view.seen.x < SIGHT_M && view.seen.y.abs() < VIEW_RAD && range_m > 0.0;
-    is_seen.then_some(Sighting { range_m, bearing_rad, identity: Some(post.identity) })
+    is_seen.then_some(Sighting { range_m, bearing_rad, identity: Some(post.identity), noise: None })
 }
 
 fn config() -> LandmarkConfig {

@@ -121,7 +121,7 @@ impl Smoother<'_> {
         let landmark = &self.map[index];
         let since = t - seen_s[index];
         let Some((off, by_robot, s)) = self.expect(robot, covariance, sighting, about, landmark, since) else { return };
-        let noise = self.sensor.noise(sighting.range_m, since);
+        let noise = self.sensor.noise_of(sighting, sighting.range_m, since);
         let weight = huber(squared, f64::from(self.config.huber_deviations));
         let s = s + noise * (weight - 1.0);
         let Some(inverse) = inverse(&s) else { return };
@@ -149,7 +149,7 @@ impl Smoother<'_> {
         let mut by_robot = SMatrix::<f64, 2, ROBOT>::zeros();
         by_robot.fixed_view_mut::<2, 3>(0, 0).copy_from(&view.by_robot);
         let off = innovation(sighting, &view) - by_robot * difference(robot, about);
-        let s = by_robot * covariance * by_robot.transpose() + self.sensor.noise(view.seen.x, since_s);
+        let s = by_robot * covariance * by_robot.transpose() + self.sensor.noise_of(sighting, view.seen.x, since_s);
         Some((Vector2::new(off.x, wrap_angle(off.y)), by_robot, s))
     }
 }

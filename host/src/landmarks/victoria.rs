@@ -31,7 +31,7 @@ pub fn read(place: &Path) -> anyhow::Result<Drive> {
     let seen = numbers(&find(place, "measurements.dat")?, "t range bearing diameter", 4)?;
     let velocities: Vec<Velocity> = in_order(inputs).map(|row| velocity(row[0], row[1], row[2])).collect();
     let sightings = in_order(seen).map(|row| {
-        let sighting = Sighting { range_m: row[1], bearing_rad: row[2] - FRAC_PI_2, identity: None };
+        let sighting = Sighting { range_m: row[1], bearing_rad: row[2] - FRAC_PI_2, identity: None, noise: None };
         (row[0], sighting)
     });
     let events = merge(&velocities, batches(sightings));

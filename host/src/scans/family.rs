@@ -113,6 +113,9 @@ pub struct LrfOptions {
     /// SICK below 1°: whole scans instead of mirror turns.
     #[serde(default)]
     pub whole_scans: bool,
+    /// SICK: the measuring mode that tells how bright echoes are.
+    #[serde(default)]
+    pub brightness: bool,
     /// Hokuyo: neighbouring steps merged.
     #[serde(default)]
     pub cluster: u8,
@@ -124,7 +127,8 @@ pub struct LrfOptions {
 impl LrfOptions {
     /// Everything as the sensor has it, on a serial port.
     pub fn new(family: LrfFamily) -> Self {
-        Self { family, baud: 0, has_baud: true, variant: None, whole_scans: false, cluster: 1, latency_us: 0 }
+        let (variant, whole_scans, brightness) = (None, false, false);
+        Self { family, baud: 0, has_baud: true, variant, whole_scans, brightness, cluster: 1, latency_us: 0 }
     }
 }
 

@@ -93,6 +93,11 @@ impl ConfigBlock {
         self.get(5)
     }
 
+    /// Sets the measuring mode.
+    pub fn set_measuring_mode(&mut self, mode: u8) {
+        self.set(5, mode);
+    }
+
     /// Unit of ranges (offset 6); `None` for a code not known.
     pub fn unit(&self) -> Option<Unit> {
         Unit::from_code(self.get(6))

@@ -19,7 +19,7 @@ use super::request::{OperatingMode, PASSWORD, Request, Variant};
 use super::scan::ScanLayout;
 use super::telegram::Direction;
 use crate::dialogue::{DialogueBase, ScanMemory, State};
-use crate::driver::{BaudPolicy, Counters, Input, LrfDriver, Output, Step};
+use crate::driver::{BaudPolicy, Counters, Event, Input, LrfDriver, Output, Step};
 use crate::pace::PaceClock;
 use crate::session::{Question, Session};
 use lrfslam_scan::Beam;
@@ -40,6 +40,9 @@ pub struct SickConfig {
     /// Unit of ranges: mm reach 8 m at most in the usual measuring mode, cm 80 m. `None` leaves it. A change is written to the
     /// sensor's flash, once.
     pub unit: Option<Unit>,
+    /// The measuring mode that tells how bright echoes are ([`Event::Brightness`](crate::driver::Event)), if the sensor has another. A change is
+    /// written to its flash, once.
+    pub brightness: bool,
     /// Below 1°: each mirror turn as its own scan, if the sensor can; else interlaced scans with a time per beam.
     pub each_turn: bool,
     /// Subtracted from every stamp: for an adapter known to be late.
@@ -55,6 +58,7 @@ impl Default for SickConfig {
             baud: BaudPolicy::Keep,
             variant: None,
             unit: None,
+            brightness: false,
             each_turn: true,
             latency: Duration::ZERO,
             password: PASSWORD,
@@ -151,6 +155,9 @@ struct Dialogue<'a> {
     fault_reported: bool,
 
     memory: ScanMemory<'a>,
+    /// Brightness of the last scan's echoes, and how many of them are to be told.
+    brightness: &'a mut [u8],
+    brightness_untold: usize,
 }
 
 impl<'a> SickDriver<'a> {
@@ -176,8 +183,16 @@ impl<'a> SickDriver<'a> {
             setup_refused: false,
             fault_reported: false,
             memory: ScanMemory::new(beams),
+            brightness: &mut [],
+            brightness_untold: 0,
         };
         Self { decoder: TelegramDecoder::new(Direction::ToHost, telegram), dialogue }
+    }
+
+    /// The same, with memory for how bright echoes are: as many bytes as beams.
+    pub fn with_brightness(mut self, memory: &'a mut [u8]) -> Self {
+        self.dialogue.brightness = memory;
+        self
     }
 }
 
@@ -198,6 +213,10 @@ impl LrfDriver for SickDriver<'_> {
     }
 
     fn poll_output(&mut self) -> Output<'_> {
+        let untold = core::mem::take(&mut self.dialogue.brightness_untold);
+        if let Some(told) = self.dialogue.brightness.get(..untold).filter(|told| !told.is_empty()) {
+            return Output::Event(Event::Brightness(told));
+        }
         self.dialogue.base.poll_output(|| self.dialogue.memory.scan())
     }
 

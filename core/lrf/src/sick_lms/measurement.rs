@@ -39,6 +39,27 @@ impl ValueFormat {
     }
 }
 
+/// The measuring mode with ranges up to 8 or 80 m and 8 levels of brightness.
+///
+/// Source: manual, table of measuring modes: "reflector values in 8 levels".
+pub const REFLECTOR_MODE: u8 = 0x01;
+
+/// Bits above the range that tell how bright an echo is; 0 in modes that use them for something else.
+const fn level_bits(measuring_mode: u8) -> u32 {
+    match measuring_mode {
+        REFLECTOR_MODE => 3,
+        0x03 => 2,
+        0x05 => 1,
+        _ => 0,
+    }
+}
+
+/// The level of a brightness from 0 to 255 in `measuring_mode`, where its values have it.
+pub const fn level(measuring_mode: u8, brightness: u8) -> u16 {
+    let bits = level_bits(measuring_mode);
+    if bits == 0 { 0 } else { ((brightness as u16) >> (8 - bits)) << (16 - bits) }
+}
+
 /// What a 16-bit value says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RawEcho {
@@ -142,6 +163,19 @@ impl<'a> Measurement<'a> {
         self.values.is_empty()
     }
 
+    /// How bright each echo is, 0 to 255: by the bits above its range, or the remission behind it; `None` if neither is sent.
+    pub fn brightness(&self, measuring_mode: u8) -> Option<impl Iterator<Item = u8> + use<'a>> {
+        let bits = level_bits(measuring_mode);
+        let has_remission = matches!(self.part, Part::Remission(..));
+        let highest = (1_u16 << bits) - 1;
+        let of = move |value: &[u8]| match value {
+            [_, _, low, high, ..] if has_remission => u16::from_le_bytes([*low, *high]).min(255) as u8,
+            [_, high, ..] if bits > 0 => (u16::from(high >> (8 - bits)) * 255 / highest) as u8,
+            _ => 0,
+        };
+        (has_remission || bits > 0).then(|| self.values.chunks_exact(self.stride.max(1)).map(of))
+    }
+
     /// The 16-bit values, flags and codes included.
     pub fn raw_values(&self) -> impl Iterator<Item = u16> + use<'a> {
         self.values.chunks_exact(self.stride.max(1)).map(|value| match value {
@@ -180,6 +214,21 @@ mod tests {
         let format = ValueFormat::of_mode(0).unwrap();
         assert_eq!(format.read(0x2000 | 150), RawEcho::Range(150));
         assert_eq!(format.read(0x1FFE), RawEcho::Error);
+    }
+
+    #[test]
+    fn brightness_is_read_from_its_bits_or_its_word() {
+        let values = |mode: u8, bytes: &[u8]| {
+            let brightness = Measurement::parse(bytes).unwrap().brightness(mode);
+            brightness.map(|levels| levels.collect::<Vec<_>>())
+        };
+        let plain = [0xB0, 3, 0x40, 1, 0xE0, 1, 0x60, 1, 0];
+        assert_eq!(values(REFLECTOR_MODE, &plain), Some(vec![255, 109, 0]));
+        assert_eq!(values(0, &plain), None, "these bits tell of fields");
+        let both = [0xF5, 1, 0, 1, 0, 2, 0, 2, 0x40, 1, 0, 9, 0, 2, 0, 77, 1];
+        assert_eq!(values(0, &both), Some(vec![9, 255]));
+        assert_eq!([255, 128, 31].map(|brightness| level(REFLECTOR_MODE, brightness)), [0xE000, 0x8000, 0]);
+        assert_eq!(level(0, 255), 0);
     }
 
     #[test]

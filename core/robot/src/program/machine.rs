@@ -372,7 +372,7 @@ fn remember(said: &mut Said, event: &Event<'_>) {
         Event::Trouble(trouble) => say(said, format_args!("{trouble}")),
         Event::Stopped { laser_off: true } => say(said, format_args!("laser is off")),
         Event::Stopped { laser_off: false } => say(said, format_args!("laser has not confirmed that it is off")),
-        Event::Scan(_) => {}
+        Event::Brightness(_) | Event::Scan(_) => {}
     }
 }
 

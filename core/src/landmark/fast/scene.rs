@@ -67,9 +67,14 @@ impl Scene<'_> {
     }
 
     /// Expected sighting, its innovation covariance with the pose's uncertainty, and the noise in it.
-    fn expect(&self, particle: &FastParticle, landmark: &FastLandmark) -> Option<(View, Matrix2<f64>, Matrix2<f64>)> {
+    fn expect(
+        &self,
+        particle: &FastParticle,
+        landmark: &FastLandmark,
+        sighting: &Sighting,
+    ) -> Option<(View, Matrix2<f64>, Matrix2<f64>)> {
         let view = self.sensor.view(&particle.robot, landmark.at)?;
-        let noise = self.sensor.noise(view.seen.x, self.seconds - landmark.record.seen_s);
+        let noise = self.sensor.noise_of(sighting, view.seen.x, self.seconds - landmark.record.seen_s);
         let pose = particle.covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let s = view.by_robot * pose * view.by_robot.transpose()
             + view.by_landmark * landmark.covariance * view.by_landmark.transpose()
@@ -87,7 +92,7 @@ impl Scene<'_> {
             };
         }
         let distance = |landmark: &FastLandmark| {
-            let (view, s, _) = self.expect(particle, landmark)?;
+            let (view, s, _) = self.expect(particle, landmark, sighting)?;
             mahalanobis(innovation(sighting, &view), &s).map(|(squared, _)| squared)
         };
         let distances = known.iter().enumerate().filter_map(|(index, landmark)| Some((index, distance(landmark)?)));
@@ -108,7 +113,7 @@ impl Scene<'_> {
             return;
         };
         let Some(landmark) = map.get(index) else { return };
-        let Some((view, s, noise)) = self.expect(particle, landmark) else { return };
+        let Some((view, s, noise)) = self.expect(particle, landmark, sighting) else { return };
         let off = innovation(sighting, &view);
         let Some(weight) = self.weigh(particle, off, &s) else { return };
         let s = s + noise * (weight - 1.0);
@@ -140,7 +145,7 @@ impl Scene<'_> {
         (sighting, kernel): (&Sighting, &Matrix3<f64>),
     ) -> Fate {
         let Some(landmark) = map.get_mut(index) else { return Fate::Refused };
-        let Some((view, s, noise)) = self.expect(particle, landmark) else { return Fate::Refused };
+        let Some((view, s, noise)) = self.expect(particle, landmark, sighting) else { return Fate::Refused };
         let of_kernel = view.by_robot * kernel * view.by_robot.transpose();
         let (s, noise) = (s + of_kernel, noise + of_kernel);
         let off = innovation(sighting, &view);
@@ -178,7 +183,7 @@ impl Scene<'_> {
         let index = particle.landmarks;
         let Some(landmark) = map.get_mut(usize::from(index)) else { return Fate::Full };
         let place = self.sensor.place(&particle.robot, sighting);
-        let noise = self.sensor.noise(sighting.range_m, f64::INFINITY);
+        let noise = self.sensor.noise_of(sighting, sighting.range_m, f64::INFINITY);
         let covariance = place.by_sighting * noise * place.by_sighting.transpose()
             + place.by_robot * kernel * place.by_robot.transpose();
         let record =

@@ -83,7 +83,7 @@ fn nonsense_is_refused_and_full_pools_are_counted() {
     let mut fast = FastSlam::new(&config, 1, FastMemory { particles: &mut particles, landmarks: &mut maps }).unwrap();
     let nan = Control::Velocity { forward_m_s: f64::NAN, turn_rad_s: 0.0, seconds: 1.0 };
     assert!(!ekf.predict(&nan) && !fast.predict(&nan));
-    let sighting = |range_m, bearing_rad, identity| Sighting { range_m, bearing_rad, identity };
+    let sighting = |range_m, bearing_rad, identity| Sighting { range_m, bearing_rad, identity, noise: None };
     let bad = [sighting(f64::NAN, 0.0, Some(1)), sighting(-1.0, 0.0, Some(1)), sighting(1.0, 0.0, None)];
     assert_eq!((ekf.observe(&bad, &mut []).refused, fast.observe(&bad).began), (3, 0));
     let many = [1, 2, 3].map(|identity| sighting(2.0, f64::from(identity) * 0.4, Some(identity)));

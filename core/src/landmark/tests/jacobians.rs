@@ -77,7 +77,7 @@ proptest! {
     #[test]
     fn of_a_new_landmark(robot in robot(), range_m in 0.1..20.0_f64, bearing_rad in -3.0..3.0_f64) {
         let sensor = mounted();
-        let sighting = |seen: Vector2<f64>| Sighting { range_m: seen.x, bearing_rad: seen.y, identity: None };
+        let sighting = |seen: Vector2<f64>| Sighting { range_m: seen.x, bearing_rad: seen.y, identity: None, noise: None };
         let seen = Vector2::new(range_m, bearing_rad);
         let place = sensor.place(&robot, &sighting(seen));
         let by_robot = differences(robot, &[], |robot| sensor.place(&robot, &sighting(seen)).at);

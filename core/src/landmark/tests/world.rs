@@ -75,7 +75,7 @@ impl World {
             let range_m = view.seen.x + self.normal() * libm::sqrt(noise.m11);
             let bearing_rad = wrap_angle(view.seen.y + self.normal() * libm::sqrt(noise.m22));
             if view.seen.x < SIGHT_M && range_m > 0.0 {
-                let _ = seen.push(Sighting { range_m, bearing_rad, identity: Some(identity) });
+                let _ = seen.push(Sighting { range_m, bearing_rad, identity: Some(identity), noise: None });
             }
         }
         seen

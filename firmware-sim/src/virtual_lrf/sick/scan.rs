@@ -1,7 +1,7 @@
 //! Scans: what the scene holds, as telegrams, at 75 mirror turns a second.
 
 use lrfslam_core::time::{Duration, Instant};
-use lrfslam_lrf::sick_lms::measurement::{ValueFormat, count_word};
+use lrfslam_lrf::sick_lms::measurement::{ValueFormat, count_word, level};
 use lrfslam_lrf::sick_lms::{OperatingMode, Unit};
 
 use super::VirtualSick;
@@ -181,7 +181,8 @@ impl VirtualSick {
     fn measure_mean(&mut self, first_turn: i64, scans: u8) -> Vec<u16> {
         let turns = i64::from(self.variant.turns());
         let all: Vec<Vec<u16>> = (0..i64::from(scans)).map(|scan| self.measure(first_turn + scan * turns)).collect();
-        let mean = |value: usize| all.iter().map(|scan| u32::from(scan[value])).sum::<u32>() / u32::from(scans);
+        let mask = self.format().mask;
+        let mean = |value: usize| all.iter().map(|scan| u32::from(scan[value] & mask)).sum::<u32>() / u32::from(scans);
         (0..usize::from(self.variant.values())).map(|value| mean(value) as u16).collect()
     }
 
@@ -206,6 +207,16 @@ impl VirtualSick {
             Reading::Failed(pick) => format.mask - if pick % 4 == 0 { 1 } else { 4 },
             Reading::Range(range_m) => ((range_m * per_metre).round().max(1.0) as u32).min(u32::from(beyond)) as u16,
         };
-        if GIVES_REFLECTIVITY.contains(&self.config.measuring_mode()) { self.remission(range) } else { range }
+        let mode = self.config.measuring_mode();
+        if GIVES_REFLECTIVITY.contains(&mode) {
+            return self.remission(range);
+        }
+        // What is no reflector stays in the lowest quarter.
+        let brightness = match range < beyond {
+            true if self.sight.is_reflector(at, bearing_rad) => u8::MAX,
+            true => (self.remission(range) / 4) as u8,
+            false => 0,
+        };
+        range | level(mode, brightness)
     }
 }

@@ -31,9 +31,10 @@ impl LrfOptions {
             LrfFamily::SickLms2xx => {
                 let variant = self.variant.map(|(angle_deg, resolution_cdeg)| Variant { angle_deg, resolution_cdeg });
                 let baud = self.baud_policy(38_400);
-                let config =
-                    SickConfig { baud, variant, each_turn: !self.whole_scans, latency, ..SickConfig::default() };
-                Box::new(SickDriver::new(config, &mut bytes[..sick::TELEGRAM_MEMORY], beams))
+                let (each_turn, brightness) = (!self.whole_scans, self.brightness);
+                let config = SickConfig { baud, variant, brightness, each_turn, latency, ..SickConfig::default() };
+                let driver = SickDriver::new(config, &mut bytes[..sick::TELEGRAM_MEMORY], beams);
+                Box::new(driver.with_brightness(&mut memory.brightness))
             }
             LrfFamily::Hokuyo => {
                 let (baud, cluster) = (self.baud_policy(115_200), self.cluster.max(1));
@@ -60,11 +61,13 @@ impl LrfOptions {
 pub struct LaserMemory {
     bytes: Vec<u8>,
     beams: Vec<Beam>,
+    brightness: Vec<u8>,
 }
 
 impl Default for LaserMemory {
     fn default() -> Self {
         let bytes = hokuyo::FRAME_MEMORY.max(sick::TELEGRAM_MEMORY);
-        Self { bytes: vec![0; bytes], beams: vec![Beam::BLANK; hokuyo::BEAM_MEMORY.max(rplidar::BEAM_MEMORY)] }
+        let beams = vec![Beam::BLANK; hokuyo::BEAM_MEMORY.max(rplidar::BEAM_MEMORY)];
+        Self { bytes: vec![0; bytes], beams, brightness: vec![0; sick::BEAM_MEMORY] }
     }
 }

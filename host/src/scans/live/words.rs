@@ -77,7 +77,7 @@ impl Words {
                 }
             }
             Event::Streaming { .. } => self.last_trouble.clear(),
-            Event::Scan(_) | Event::Stopped { .. } => {}
+            Event::Brightness(_) | Event::Scan(_) | Event::Stopped { .. } => {}
         }
         tell(event, self.family, post);
     }
@@ -103,6 +103,7 @@ pub(super) fn tell(event: Event<'_>, family: Option<LrfFamily>, post: &mut dyn F
         Event::Scan(scan) => {
             Message::Scan { stamp: scan.stamp, range_max_m: scan.range_max_m, beams: scan.beams.to_vec() }
         }
+        Event::Brightness(_) => return,
         Event::Identified(identity) => Message::Identified(Box::new(identity.clone())),
         Event::Found { baud: 0 } => Message::Said("laser found".to_owned()),
         Event::Found { baud } => Message::Said(format!("laser found at {baud} baud")),

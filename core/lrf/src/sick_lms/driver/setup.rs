@@ -5,6 +5,7 @@ use crate::dialogue::Pending;
 use crate::driver::{Cause, Identity, Step};
 use crate::session::{Question as _, Session as _};
 use crate::sick_lms::config_block::ConfigBlock;
+use crate::sick_lms::measurement::REFLECTOR_MODE;
 use crate::sick_lms::reply::{ModeResult, Reply, ReplyBody, StatusReport};
 use crate::sick_lms::scan::TURN;
 use lrfslam_scan::time::{Duration, Instant};
@@ -140,13 +141,13 @@ impl Dialogue<'_> {
 
     /// The configuration as asked for; `None` if the sensor's suits already, or is not known.
     pub(super) fn wanted_block(&self) -> Option<ConfigBlock> {
-        let (block, unit) = (self.block.as_ref()?, self.config.unit?);
-        if block.unit() == Some(unit) {
-            return None;
-        }
+        let block = self.block.as_ref()?;
         let mut wanted = block.clone();
-        wanted.set_unit(unit);
-        Some(wanted)
+        self.config.unit.into_iter().for_each(|unit| wanted.set_unit(unit));
+        if self.config.brightness {
+            wanted.set_measuring_mode(REFLECTOR_MODE);
+        }
+        (wanted != *block).then_some(wanted)
     }
 
     fn describe(&mut self) {

@@ -42,6 +42,7 @@ impl Dialogue<'_> {
         let Ok(shape) = layout.read(measurement, self.memory.beams) else {
             return self.refuse(now);
         };
+        self.keep_brightness(measurement);
         let left = departure(self.telegram_began, now, length + OVERHEAD, self.base.baud);
         let began = Instant::from_micros(left.micros - shape.sweep.micros);
         let is_late = self.is_late || now < self.late_until;
@@ -52,6 +53,13 @@ impl Dialogue<'_> {
         let stamp = Instant::from_micros(stamp.micros - self.config.latency.micros);
         self.memory.keep(shape.beams, stamp, shape.range_max_m);
         self.base.publish(now, self.scan_period());
+    }
+
+    fn keep_brightness(&mut self, measurement: &Measurement<'_>) {
+        let Some(levels) = measurement.brightness(self.measuring_mode) else { return };
+        let Some(kept) = self.brightness.get_mut(..measurement.len()) else { return };
+        kept.iter_mut().zip(levels).for_each(|(kept, level)| *kept = level);
+        self.brightness_untold = kept.len();
     }
 
     /// A telegram whose sum is right, but whose content is not what was asked for.
