@@ -17,6 +17,8 @@ use super::{
 /// What is known of a landmark beside its place. All zero when unused.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Landmark {
+    /// Which one it is of all that an EKF ever began, from 0; others get no number of one that was taken out.
+    pub number: u16,
     /// What the sensor calls it.
     pub identity: Option<u16>,
     /// Sightings that were used, the first one too.
@@ -27,6 +29,11 @@ pub struct Landmark {
     pub batches: u16,
     /// When it was last seen, s since the start.
     pub seen_s: f64,
+}
+
+impl Landmark {
+    /// A record of an unused pool.
+    pub const UNUSED: Self = Self { number: 0, identity: None, sightings: 0, misfits: 0, batches: 0, seen_s: 0.0 };
 }
 
 /// Memory of an [`EkfSlam`], see [`EkfMemory::lengths`].
@@ -63,6 +70,8 @@ pub struct EkfSlam<'m> {
     sensor: Sensor,
     belief: Belief<'m>,
     landmarks: &'m mut [Landmark],
+    /// Landmarks that ever began.
+    begun: u16,
     seconds: f64,
 }
 
@@ -71,7 +80,7 @@ impl<'m> EkfSlam<'m> {
     pub fn new(config: &LandmarkConfig, memory: EkfMemory<'m>) -> Option<Self> {
         let EkfMemory { mean, covariance, work, landmarks } = memory;
         let belief = Belief::new(mean, covariance, work, &start_covariance(config))?;
-        Some(Self { config: *config, sensor: Sensor::new(config), belief, landmarks, seconds: 0.0 })
+        Some(Self { config: *config, sensor: Sensor::new(config), belief, landmarks, begun: 0, seconds: 0.0 })
     }
 
     /// The robot: x, y (m), heading (rad) in the map, scale of distances, scale of turns.
@@ -157,7 +166,7 @@ impl<'m> EkfSlam<'m> {
                 record.misfits = record.misfits.saturating_add(1);
             }
         }
-        if is_used { Fate::Matched(u16::try_from(landmark).unwrap_or(u16::MAX)) } else { refused }
+        if is_used { Fate::Matched(record.number) } else { refused }
     }
 
     fn begin(&mut self, sighting: &Sighting) -> Fate {
@@ -168,8 +177,10 @@ impl<'m> EkfSlam<'m> {
         if !self.belief.add(&place, &noise) {
             return Fate::Full;
         }
-        *record = Landmark { identity: sighting.identity, sightings: 1, seen_s: self.seconds, ..Landmark::default() };
-        Fate::Began(u16::try_from(count).unwrap_or(u16::MAX))
+        let (number, identity) = (self.begun, sighting.identity);
+        *record = Landmark { number, identity, sightings: 1, seen_s: self.seconds, ..Landmark::default() };
+        self.begun = self.begun.saturating_add(1);
+        Fate::Began(number)
     }
 
     /// Takes out landmarks that were not seen again, or whose sightings do not fit; returns how many.

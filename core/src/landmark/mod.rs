@@ -75,9 +75,9 @@ pub enum Fate {
     /// Not used: between landmarks, too far from the one it claims to be, or not finite.
     #[default]
     Refused,
-    /// Of the landmark of this index.
+    /// Of the landmark of this [number](ekf::Landmark::number); with FastSLAM, of this index in its particle's map.
     Matched(u16),
-    /// Began the landmark of this index.
+    /// Began the landmark of this number, or index.
     Began(u16),
     /// Would have begun a landmark, but there is no room.
     Full,
@@ -140,6 +140,10 @@ crate::config! {
         alpha_6: f32 = 0.0, in 0.0..=10.0;
         /// An error of velocity or odometry lasts so long, s: 0 draws each step anew, as the thesis does; then noise depends on the rate of controls.
         control_hold_s: f32 = 0.1, in 0.0..=100.0;
+        /// Each control errs by this in distance beside, m: what matching errs by.
+        step_noise_m: f32 = 0.0, in 0.0..=10.0;
+        /// And by this in turning, degrees.
+        step_noise_deg: f32 = 0.0, in 0.0..=90.0;
         /// Deviation of the scale of distances at the start; 0 keeps it at 1.
         distance_scale_deviation: f32 = 0.1, in 0.0..=1.0;
         /// Deviation of the scale of turns at the start; 0 keeps it at 1.

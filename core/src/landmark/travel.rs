@@ -47,8 +47,8 @@ impl Travel {
             distance_m,
             turn_rad,
             seconds,
-            distance_variance: variance(config.alpha_1, config.alpha_2),
-            turn_variance: variance(config.alpha_3, config.alpha_4),
+            distance_variance: variance(config.alpha_1, config.alpha_2) + squared(config.step_noise_m),
+            turn_variance: variance(config.alpha_3, config.alpha_4) + squared(config.step_noise_deg.to_radians()),
             heading_variance: variance(config.alpha_5, config.alpha_6),
         })
     }
@@ -99,9 +99,12 @@ fn half_sinc(b: f64) -> (f64, f64) {
     (sinc, (cos - sinc) / b)
 }
 
+fn squared(deviation: f32) -> f64 {
+    f64::from(deviation) * f64::from(deviation)
+}
+
 /// The covariance of a robot at the start: where it is, is the map's origin; its scales are not known.
 pub fn start_covariance(config: &LandmarkConfig) -> RobotCovariance {
-    let variance = |deviation: f32| f64::from(deviation) * f64::from(deviation);
-    let [of_distance, of_turn] = [config.distance_scale_deviation, config.turn_scale_deviation].map(variance);
+    let [of_distance, of_turn] = [config.distance_scale_deviation, config.turn_scale_deviation].map(squared);
     RobotCovariance::from_diagonal(&RobotState::new(0.0, 0.0, 0.0, of_distance, of_turn))
 }

@@ -1,9 +1,10 @@
 //! SLAM on point landmarks from recorded drives: readers, a run of either filter, errors against the truth, and results.
 //!
-//! [`Drive`] (controls and sightings in order of time) ← [`mrclam`], [`victoria`], [`simulated`] → [`mod@run`] → [`LandmarkRun`] → [`mod@errors`],
+//! [`Drive`] (controls and sightings in order of time) ← [`mrclam`], [`victoria`], [`laser`], [`simulated`] → [`mod@run`] → [`LandmarkRun`] → [`mod@errors`],
 //! [`mod@output`].
 
 pub mod errors;
+pub mod laser;
 pub mod mrclam;
 pub mod output;
 pub mod run;
@@ -11,6 +12,7 @@ pub mod simulated;
 pub mod smooth;
 pub mod victoria;
 
+use lrfslam_core::landmark::detect::DetectConfig;
 use lrfslam_core::landmark::{Control, LandmarkConfig, Sighting};
 use lrfslam_core::time::Instant;
 
@@ -33,6 +35,8 @@ pub struct Drive {
     pub landmarks: Vec<TrueLandmark>,
     /// What the configuration should be for this robot and sensor.
     pub config: LandmarkConfig,
+    /// How landmarks were looked for in a laser's scans; none where a file tells them.
+    pub detect: Option<DetectConfig>,
     /// Sightings have identities.
     pub has_identities: bool,
 }

@@ -71,7 +71,16 @@ pub fn read(place: &Path, robot: u8, ranges: Ranges, range_scale: f64) -> anyhow
         Err(_) => Vec::new(),
     };
     let name = format!("{}, robot {robot}", place.display());
-    Ok(Drive { name, events, truth, has_headings: true, landmarks, config: config(), has_identities: true })
+    Ok(Drive {
+        name,
+        events,
+        truth,
+        has_headings: true,
+        landmarks,
+        config: config(),
+        detect: None,
+        has_identities: true,
+    })
 }
 
 /// Noise of these robots and cameras.

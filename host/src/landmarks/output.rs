@@ -3,6 +3,7 @@
 use std::io::Write as _;
 use std::path::Path;
 
+use lrfslam_core::landmark::detect::DetectConfig;
 use lrfslam_core::landmark::{LandmarkConfig, SightingCounts};
 use serde::Serialize;
 
@@ -24,6 +25,9 @@ pub struct LandmarkReport {
     pub filter: Filter,
     /// Every value used.
     pub config: LandmarkConfig,
+    /// How landmarks were looked for in a laser's scans.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub detect: Option<DetectConfig>,
     /// Of the random numbers.
     pub seed: u64,
     /// What became of sightings.
@@ -81,6 +85,7 @@ impl LandmarkReport {
             drive: drive.name.clone(),
             filter,
             config: *config,
+            detect: drive.detect,
             seed,
             sightings: run.counts.into(),
             landmarks: estimate.landmarks.len(),

@@ -4,7 +4,7 @@ use std::time::Instant as Clock;
 
 use lrfslam_core::landmark::ekf::{EkfMemory, EkfSlam, Landmark};
 use lrfslam_core::landmark::fast::{FastLandmark, FastMemory, FastParticle, FastSlam};
-use lrfslam_core::landmark::{Control, LandmarkConfig, RobotState, Sighting, SightingCounts};
+use lrfslam_core::landmark::{Association, Control, Fate, LandmarkConfig, RobotState, Sighting, SightingCounts};
 use lrfslam_core::time::Instant;
 use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
@@ -33,6 +33,8 @@ pub enum Filter {
 /// A landmark as it was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapLandmark {
+    /// Which one it is of all that an EKF began.
+    pub number: u16,
     /// What the sensor calls it.
     pub identity: Option<u16>,
     /// Sightings that were used.
@@ -48,7 +50,7 @@ pub struct MapLandmark {
 pub struct Estimate {
     /// Poses as they were believed when they were current.
     pub online: Vec<TimedPose>,
-    /// Poses as they are believed at the end: of FastSLAM's heaviest particle; of an EKF, smoothed in its map.
+    /// Poses as they are believed at the end, smoothed in the map; with FastSLAM and unknown association, those of the heaviest particle.
     pub path: Vec<TimedPose>,
     /// Landmarks.
     pub landmarks: Vec<MapLandmark>,
@@ -100,14 +102,17 @@ pub fn run(
     let mut run = LandmarkRun { memory_bytes: state.bytes, ..LandmarkRun::default() };
     let mut last: Option<Instant> = None;
     let mut states = Vec::with_capacity(drive.events.len());
+    let mut fates: Vec<Vec<Fate>> = Vec::with_capacity(drive.events.len());
     for (index, event) in drive.events.iter().enumerate() {
+        let mut of_event = Vec::new();
         match &event.what {
             What::Control(control) => {
                 state.slam.predict(control);
                 run.controls += 1;
             }
             What::Sightings(sightings) => {
-                add(&mut run.counts, state.slam.observe(sightings));
+                of_event.resize(sightings.len(), Fate::Refused);
+                add(&mut run.counts, state.slam.observe(sightings, &mut of_event));
                 run.batches += 1;
                 state.paths.resampled(&state.slam);
                 if !watch(event.stamp, index as f64 / drive.events.len() as f64) {
@@ -116,6 +121,7 @@ pub fn run(
             }
         }
         states.push(state.slam.robot());
+        fates.push(of_event);
         if last.is_none_or(|last| event.stamp.micros - last.micros >= PATH_STEP_MICROS) {
             last = Some(event.stamp);
             run.estimate.online.push(timed(event.stamp, &state.slam.robot()));
@@ -126,11 +132,15 @@ pub fn run(
     let robot = state.slam.robot();
     (run.estimate.distance_scale, run.estimate.turn_scale) = (robot[3], robot[4]);
     run.estimate.landmarks = state.slam.landmarks();
-    run.estimate.path = match filter {
-        Filter::Ekf if !run.estimate.landmarks.is_empty() && states.len() == drive.events.len() => {
-            thinned(smoothed(drive, config, &run.estimate.landmarks, &states))
+    // FastSLAM's particles choose landmarks each for itself: without identities nobody knows what they chose.
+    let is_known = config.association == Association::Known;
+    let is_told = is_known || filter == Filter::Ekf;
+    run.estimate.path = match is_told && !run.estimate.landmarks.is_empty() && states.len() == drive.events.len() {
+        true => {
+            let fates = (!is_known).then_some(&fates[..]);
+            thinned(smoothed(drive, config, &run.estimate.landmarks, &states, fates))
         }
-        _ => state.paths.of(&state.slam),
+        false => state.paths.of(&state.slam),
     };
     Some(run)
 }
@@ -235,9 +245,10 @@ impl Slam<'_> {
         };
     }
 
-    fn observe(&mut self, sightings: &[Sighting]) -> SightingCounts {
+    /// * `fates` — told by an EKF
+    fn observe(&mut self, sightings: &[Sighting], fates: &mut [Fate]) -> SightingCounts {
         match self {
-            Self::Ekf(slam) => slam.observe(sightings, &mut []),
+            Self::Ekf(slam) => slam.observe(sightings, fates),
             Self::Fast(slam) => slam.observe(sightings),
         }
     }
@@ -251,6 +262,7 @@ impl Slam<'_> {
 
     fn landmarks(&self) -> Vec<MapLandmark> {
         let of = |record: Landmark, at, covariance| MapLandmark {
+            number: record.number,
             identity: record.identity,
             sightings: record.sightings,
             at,

@@ -53,7 +53,8 @@ pub fn drive(landmarks: usize, seed: u64) -> Drive {
         }
     }
     let name = format!("simulated, {landmarks} landmarks, seed {seed}");
-    Drive { name, events, truth, has_headings: true, landmarks: posts, config, has_identities: true }
+    let (has_headings, has_identities, detect) = (true, true, None);
+    Drive { name, events, truth, has_headings, landmarks: posts, config, detect, has_identities }
 }
 
 fn look(sensor: &Sensor, robot: &RobotState, post: &TrueLandmark, rng: &mut RandomStream) -> Option<Sighting> {

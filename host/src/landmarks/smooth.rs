@@ -1,13 +1,13 @@
-//! The path of an EKF's run as it is believed at the end: smoothed in the final map.
+//! The path of a run as it is believed at the end: smoothed in the final map.
 //!
-//! An EKF forgets where it was. Here the robot alone is estimated again, with the landmarks where the filter left them: forwards by a Kalman
+//! A filter forgets where it was, or remembers it badly. Here the robot alone is estimated again, with the landmarks where the filter left them: forwards by a Kalman
 //! filter, backwards by Rauch, Tung & Striebel (AIAA J. 3(8), 1965), linearised about the path found so far, three times: Gauss-Newton
 //! for the path (Bell, SIAM J. Optimization 4(3), 1994). Costs O(events); what past poses would still change in the map is left out.
 
 use lrfslam_core::landmark::sight::{Sensor, huber, innovation, inverse, mahalanobis};
 use lrfslam_core::landmark::travel::{Travel, start_covariance};
 use lrfslam_core::landmark::{
-    Association, LandmarkConfig, ROBOT, RobotCovariance, RobotState, Sighting, chi_squared, wrap_angle,
+    Fate, LandmarkConfig, ROBOT, RobotCovariance, RobotState, Sighting, chi_squared, wrap_angle,
 };
 use lrfslam_core::time::Instant;
 use nalgebra::{SMatrix, Vector2};
@@ -35,8 +35,15 @@ struct Step {
 /// The smoothed path, a pose for each event.
 ///
 /// * `online` — the filter's own state after each event: the path is linearised about it at first
-pub fn smoothed(drive: &Drive, config: &LandmarkConfig, map: &[MapLandmark], online: &[RobotState]) -> Vec<TimedPose> {
-    let smoother = Smoother { config, sensor: Sensor::new(config), map };
+/// * `fates` — for each event, which landmarks its sightings were taken for; without them, identities say it
+pub fn smoothed(
+    drive: &Drive,
+    config: &LandmarkConfig,
+    map: &[MapLandmark],
+    online: &[RobotState],
+    fates: Option<&[Vec<Fate>]>,
+) -> Vec<TimedPose> {
+    let smoother = Smoother { config, sensor: Sensor::new(config), map, fates };
     let mut about = online.to_vec();
     for _ in 0..ITERATIONS {
         let next = backwards(&smoother.forwards(drive, &about));
@@ -57,6 +64,7 @@ struct Smoother<'a> {
     config: &'a LandmarkConfig,
     sensor: Sensor,
     map: &'a [MapLandmark],
+    fates: Option<&'a [Vec<Fate>]>,
 }
 
 impl Smoother<'_> {
@@ -83,9 +91,10 @@ impl Smoother<'_> {
             let predicted = (robot, covariance);
             if let What::Sightings(sightings) = &event.what {
                 let t = event.stamp.as_secs_f64();
-                for sighting in sightings {
-                    let at = about.get(index).copied().unwrap_or(robot);
-                    self.correct(&mut robot, &mut covariance, sighting, &at, (t, &mut seen_s));
+                let at = about.get(index).copied().unwrap_or(robot);
+                for (place, sighting) in sightings.iter().enumerate() {
+                    let Some(landmark) = self.landmark_of(sighting, (index, place)) else { continue };
+                    self.correct(&mut robot, &mut covariance, (sighting, landmark), &at, (t, &mut seen_s));
                 }
             }
             steps.push(Step { predicted, filtered: (robot, covariance), jacobian });
@@ -93,34 +102,33 @@ impl Smoother<'_> {
         steps
     }
 
+    /// Which landmark of the map a sighting is of: as the filter took it, not chosen anew.
+    fn landmark_of(&self, sighting: &Sighting, (event, place): (usize, usize)) -> Option<usize> {
+        let Some(fates) = self.fates else {
+            let identity = sighting.identity?;
+            return self.map.iter().position(|landmark| landmark.identity == Some(identity));
+        };
+        match fates.get(event)?.get(place)? {
+            Fate::Matched(number) | Fate::Began(number) => {
+                self.map.iter().position(|landmark| landmark.number == *number)
+            }
+            Fate::Refused | Fate::Full => None,
+        }
+    }
+
     fn correct(
         &self,
         robot: &mut RobotState,
         covariance: &mut RobotCovariance,
-        sighting: &Sighting,
+        (sighting, index): (&Sighting, usize),
         about: &RobotState,
         (t, seen_s): (f64, &mut [f64]),
     ) {
-        let gate = chi_squared(2, f64::from(self.config.gate_deviations));
-        let is_known = self.config.association == Association::Known;
-        let mut best: Option<(f64, usize)> = None;
-        for (index, landmark) in self.map.iter().enumerate() {
-            if is_known && landmark.identity != sighting.identity {
-                continue;
-            }
-            let Some((off, _, s)) = self.expect(robot, covariance, sighting, about, landmark, t - seen_s[index]) else {
-                continue;
-            };
-            let Some((squared, _)) = mahalanobis(off, &s) else { continue };
-            if best.is_none_or(|(least, _)| squared < least) {
-                best = Some((squared, index));
-            }
-        }
-        let reach = if is_known { gate * f64::from(self.config.new_landmark_gates) } else { gate };
-        let Some((squared, index)) = best.filter(|(squared, _)| *squared <= reach) else { return };
+        let gate = chi_squared(2, f64::from(self.config.gate_deviations)) * f64::from(self.config.new_landmark_gates);
         let landmark = &self.map[index];
         let since = t - seen_s[index];
         let Some((off, by_robot, s)) = self.expect(robot, covariance, sighting, about, landmark, since) else { return };
+        let Some((squared, _)) = mahalanobis(off, &s).filter(|(squared, _)| *squared <= gate) else { return };
         let noise = self.sensor.noise_of(sighting, sighting.range_m, since);
         let weight = huber(squared, f64::from(self.config.huber_deviations));
         let s = s + noise * (weight - 1.0);

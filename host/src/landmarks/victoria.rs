@@ -48,6 +48,7 @@ pub fn read(place: &Path) -> anyhow::Result<Drive> {
         has_headings: false,
         landmarks: Vec::new(),
         config: config(),
+        detect: None,
         has_identities: false,
     })
 }

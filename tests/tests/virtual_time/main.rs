@@ -6,6 +6,7 @@ mod encodings;
 mod fuzzed;
 mod hil_virtual;
 mod keys;
+mod landmarks;
 mod larger_than_memory;
 mod link_faults;
 mod map3d;

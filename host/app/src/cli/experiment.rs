@@ -8,6 +8,7 @@ use clap::{Args, Subcommand};
 
 use super::cloud::{TiltArgs, from_log};
 use super::experiment_endurance::{self, EnduranceArgs};
+use super::experiment_cost::{self, CostArgs};
 use super::experiment_envelope::{self, EnvelopeArgs};
 use super::experiment_starts::{self, StartsArgs};
 use super::experiment_sweep::{self, SweepArgs};
@@ -47,6 +48,7 @@ enum Command {
     Starts(StartsArgs),
     Envelope(EnvelopeArgs),
     Endurance(EnduranceArgs),
+    LandmarkCost(CostArgs),
 }
 
 /// Does the loop close (figure 3.11)? Maps a log with its true path by each number of levels, seed after seed.
@@ -150,6 +152,7 @@ pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
         Command::Starts(args) => experiment_starts::run(args),
         Command::Envelope(args) => experiment_envelope::run(args),
         Command::Endurance(args) => experiment_endurance::run(args),
+        Command::LandmarkCost(args) => experiment_cost::run(args),
     }
 }
 

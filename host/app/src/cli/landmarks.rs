@@ -7,18 +7,21 @@ use std::sync::atomic::Ordering;
 use anyhow::Context as _;
 use clap::{Args, Subcommand, ValueEnum};
 use lrfslam_core::config::Section as _;
+use lrfslam_core::landmark::detect::DetectConfig;
 use lrfslam_core::landmark::{Association, LandmarkConfig};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 use super::out::OutArgs;
 use super::shared::{SeedArgs, TellArgs};
 use super::{Failure, interrupt_flag};
 use lrfslam_host::landmarks::mrclam::Ranges;
 use lrfslam_host::landmarks::output::{LandmarkReport, write};
-use lrfslam_host::landmarks::{Drive, Filter, mrclam, run::run as run_filter, simulated, victoria};
+use lrfslam_host::landmarks::{Drive, Filter, laser, mrclam, run::run as run_filter, simulated, victoria};
 
 /// Map point landmarks by EKF-SLAM or FastSLAM.
 ///
-/// Reads a drive of the data sets MRCLAM and Victoria Park, or simulates one. Written are trajectory.tum (the path as it is believed at the end),
+/// Reads a drive of the data sets MRCLAM and Victoria Park, simulates one, or finds reflectors and posts in the scans of a laser. Written are trajectory.tum (the path as it is believed at the end),
 /// online.tum (as it was believed on the way), landmarks.csv (with covariances), landmarks.png (with 95 % ellipses) and run.json (with the
 /// errors, where the truth is known).
 #[derive(Debug, Args)]
@@ -43,8 +46,8 @@ enum Command {
 
 #[derive(Debug, Args)]
 struct DriveArgs {
-    /// Folder of MRCLAM or Victoria Park, or how the names of the files begin, such as data/mrclam7; "sim" simulates a drive.
-    #[arg(long, value_name = "DIR|sim")]
+    /// Folder of MRCLAM or Victoria Park, or how the names of the files begin, such as data/mrclam7; a laser's log or recording; "sim" simulates a drive.
+    #[arg(long, value_name = "DIR|LOG|sim")]
     data: PathBuf,
     /// Robot of MRCLAM.
     #[arg(long, value_name = "N", default_value_t = 1)]
@@ -64,7 +67,10 @@ struct DriveArgs {
     /// Landmarks of a simulated drive.
     #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u16).range(1..=2000))]
     posts: u16,
-    /// Change one value of the configuration in run.json; may be given more than once.
+    /// Of a log with odometry: predict motion by matching scans all the same.
+    #[arg(long)]
+    no_odometry: bool,
+    /// Change one value of the configuration in run.json, as KEY=VALUE, or detect.KEY=VALUE; may be given more than once.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Run seeds 1 to COUNT, print a line for each, and write nothing.
@@ -77,6 +83,9 @@ struct DriveArgs {
     #[command(flatten)]
     tell: TellArgs,
 }
+
+/// How keys of the detector begin.
+const DETECT: &str = "detect.";
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum RangesArg {
@@ -138,6 +147,12 @@ impl DriveArgs {
         if ["inputs.dat", "inputs.dat.gz"].iter().any(|name| self.data.join(name).exists()) {
             return victoria::read(&self.data);
         }
+        if laser::is_of_laser(&self.data) {
+            let stop = interrupt_flag()?;
+            let (name, scans) = (self.data.display().to_string(), laser::scans(&self.data)?);
+            let goes_on = |_| !stop.load(Ordering::Relaxed);
+            return laser::drive(name, &scans, &self.detect()?, !self.no_odometry, goes_on);
+        }
         let ranges = match self.ranges {
             RangesArg::Depths => Ranges::Depths,
             RangesArg::Distances => Ranges::Distances,
@@ -146,14 +161,7 @@ impl DriveArgs {
     }
 
     fn config(&self, drive: &Drive) -> anyhow::Result<LandmarkConfig> {
-        let mut table = toml::Table::try_from(drive.config)?;
-        for set in &self.set {
-            let (key, value) = set.split_once('=').with_context(|| format!("--set {set}: expected KEY=VALUE"))?;
-            let parsed = toml::from_str::<toml::Table>(&format!("value = {value}")).ok();
-            let parsed = parsed.and_then(|mut table| table.remove("value"));
-            table.insert(key.to_owned(), parsed.unwrap_or_else(|| toml::Value::String(value.to_owned())));
-        }
-        let mut config: LandmarkConfig = table.try_into()?;
+        let mut config: LandmarkConfig = self.changed(drive.config, "")?;
         config.association = match self.association {
             Some(AssociationArg::Known) => Association::Known,
             Some(AssociationArg::Nearest) => Association::Nearest,
@@ -166,6 +174,26 @@ impl DriveArgs {
         );
         config.validate()?;
         Ok(config)
+    }
+
+    /// How landmarks are looked for in scans.
+    fn detect(&self) -> anyhow::Result<DetectConfig> {
+        let config = self.changed(DetectConfig::default(), DETECT)?;
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// `section` with the changes of `--set` whose keys begin with `prefix`.
+    fn changed<T: Serialize + DeserializeOwned>(&self, section: T, prefix: &str) -> anyhow::Result<T> {
+        let mut table = toml::Table::try_from(section)?;
+        for set in &self.set {
+            let (key, value) = set.split_once('=').with_context(|| format!("--set {set}: expected KEY=VALUE"))?;
+            let Some(key) = key.strip_prefix(prefix).filter(|key| !key.starts_with(DETECT)) else { continue };
+            let parsed = toml::from_str::<toml::Table>(&format!("value = {value}")).ok();
+            let parsed = parsed.and_then(|mut table| table.remove("value"));
+            table.insert(key.to_owned(), parsed.unwrap_or_else(|| toml::Value::String(value.to_owned())));
+        }
+        Ok(table.try_into()?)
     }
 
     fn table(&self, drive: &Drive, config: &LandmarkConfig, filter: Filter, seeds: u64) -> Result<(), Failure> {

@@ -51,6 +51,9 @@ pub(super) struct LaserArgs {
     /// SICK below 1 degree: whole, interlaced scans instead of one scan per mirror turn.
     #[arg(long)]
     whole_scans: bool,
+    /// SICK: set it to tell how bright echoes are, so that reflectors can be found; the change stays in the sensor.
+    #[arg(long)]
+    brightness: bool,
     /// Hokuyo: merge so many neighbouring steps into one beam.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=99))]
     cluster: u8,
@@ -137,6 +140,7 @@ impl LaserArgs {
             has_baud: self.port.has_baud(),
             variant: self.variant,
             whole_scans: self.whole_scans,
+            brightness: self.brightness,
             cluster: self.cluster,
             latency_us: (self.latency * 1000.0) as i64,
             ..LrfOptions::new(self.lrf.0.unwrap_or(LrfFamily::Hokuyo))

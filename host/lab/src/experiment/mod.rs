@@ -7,6 +7,7 @@ mod endurance;
 mod envelope;
 mod findings;
 mod growth;
+mod landmark_cost;
 mod loops;
 mod map3d;
 mod match_pairs;
@@ -24,6 +25,7 @@ pub use envelope::{
 };
 pub use findings::{Experiment, markdown};
 pub use growth::{Growth, GrowthError, plot_growth, read_growth};
+pub use landmark_cost::{CostRow, cost_csv, landmark_cost, plot_cost};
 pub use loops::{LoopRun, loop_csv, loop_markdown, run_loop};
 pub use map3d::{CloudError, Surface, judge_cloud, read_surfaces};
 pub use match_pairs::{MatchPairsConfig, MatchPairsError, MatchPairsReport, match_pairs};
