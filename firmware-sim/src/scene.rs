@@ -114,7 +114,8 @@ mod tests {
 
     #[test]
     fn reflectors_are_told_from_posts_and_hidden_by_people() {
-        let posts = "[[post]]\ncentre = [2, 0]\nradius_m = 0.1\nreflector = true\n[[post]]\ncentre = [0, 1]\nradius_m = 0.1\n";
+        let posts =
+            "[[post]]\ncentre = [2, 0]\nradius_m = 0.1\nreflector = true\n[[post]]\ncentre = [0, 1]\nradius_m = 0.1\n";
         let person = "[[person]]\nway = [[1, 0], [1, 0.1]]\nspeed_mps = 0\n";
         let seen = |scene: &RobotScene, bearing: f64| {
             (scene.range_m(Instant::default(), bearing).unwrap(), scene.is_reflector(Instant::default(), bearing))

@@ -19,8 +19,8 @@ pub struct Arc<'a> {
     pub begin_rad: f64,
     /// The edge on the left, rad.
     pub end_rad: f64,
-    /// From beam to beam, rad: the edges are known to half of it.
-    pub step_rad: f64,
+    /// From the beams that missed it to those that met it, right and left, rad: the edges are known to half of that.
+    pub steps_rad: [f64; 2],
     /// About how far it is, m.
     pub range_m: f64,
     /// Deviation of a range, m.
@@ -123,9 +123,9 @@ fn equations(arc: &Arc<'_>, radius: &Radius, middle: f64, at: &Vector3<f64>) -> 
     let half = libm::asin((r / range).min(0.99));
     let by_radius = 1.0 / libm::sqrt((range * range - r * r).max(1e-9));
     let by_range = -r / range * by_radius;
-    let edge = arc.step_rad / libm::sqrt(12.0);
-    normal.add(Vector3::new(by_range, 1.0, by_radius), arc.end_rad - middle - bearing - half, edge);
-    normal.add(Vector3::new(-by_range, 1.0, -by_radius), arc.begin_rad - middle - bearing + half, edge);
+    let [right, left] = arc.steps_rad.map(|step| step / libm::sqrt(12.0));
+    normal.add(Vector3::new(by_range, 1.0, by_radius), arc.end_rad - middle - bearing - half, left);
+    normal.add(Vector3::new(-by_range, 1.0, -by_radius), arc.begin_rad - middle - bearing + half, right);
     normal.add(Vector3::new(0.0, 0.0, 1.0), radius.mean_m - r, radius.deviation_m);
     normal
 }

@@ -22,6 +22,8 @@ crate::config! {
         brightness_min: u8 = 160, in 1..=255;
         /// Radius of reflectors, which are round, m.
         reflector_radius_m: f32 = 0.05, in 0.001..=2.0;
+        /// A reflector has so many beams. One alone may have met its edge, and have the range of something between it and what is behind.
+        reflector_beams_min: u16 = 2, in 1..=100;
         /// Round posts and trunks are looked for.
         posts: bool = true;
         /// Their smallest radius, m.
@@ -144,6 +146,9 @@ impl Search<'_> {
     }
 
     fn reflector(&self, row: Row) -> Option<Circle> {
+        if row.1 + 1 - row.0 < usize::from(self.config.reflector_beams_min) {
+            return None;
+        }
         let radius_m = f64::from(self.config.reflector_radius_m);
         // A tenth of it: as well as anybody measures a reflector.
         fit(&self.arc(row)?, &Radius { mean_m: radius_m, deviation_m: 0.1 * radius_m })
@@ -185,15 +190,15 @@ impl Search<'_> {
     fn arc(&self, (first, last): Row) -> Option<Arc<'_>> {
         let bearing = |beam: usize| self.beams.get(beam).map(|beam| f64::from(beam.bearing_rad));
         let (begin, end) = (bearing(first)?, bearing(last)?);
-        let step_before = first.checked_sub(1).and_then(bearing).map(|before| begin - before);
-        let step_after = bearing(last + 1).map(|after| after - end);
-        let step_rad = step_before.into_iter().chain(step_after).fold(f64::INFINITY, f64::min);
-        let is_usable = step_rad.is_finite() && step_rad > 0.0 && end >= begin;
+        let before = first.checked_sub(1).and_then(bearing).map(|before| begin - before);
+        let after = bearing(last + 1).map(|after| after - end);
+        let steps = [before.or(after)?, after.or(before)?];
+        let is_usable = end >= begin && steps.iter().all(|step| step.is_finite() && *step > 0.0);
         is_usable.then_some(Arc {
             beams: self.beams.get(first..=last)?,
-            begin_rad: begin - 0.5 * step_rad,
-            end_rad: end + 0.5 * step_rad,
-            step_rad,
+            begin_rad: begin - 0.5 * steps[0],
+            end_rad: end + 0.5 * steps[1],
+            steps_rad: steps,
             range_m: self.hit(first.midpoint(last))?,
             noise_m: f64::from(self.config.range_noise_m),
         })

@@ -99,9 +99,7 @@ pub fn drive(
     let slam = SlamConfig::default();
     let mut memory = MapperMemory::of_matching(&slam, &MemoryConfig::default());
     let mut matcher = LaserOdometry::new(&slam.laser_odometry(), 1, memory.lend_odometry())?;
-    let mut events = Vec::new();
-    let mut last: Option<(Instant, Pose2)> = None;
-    let mut looked: Option<Instant> = None;
+    let mut events = Events::default();
     for (index, bright) in scans.iter().enumerate() {
         if !watch(index as f64 / scans.len() as f64) {
             break;
@@ -115,21 +113,13 @@ pub fn drive(
                 (report.matched.map_from_robot, report.motion)
             }
         };
-        if let Some((before, from)) = last.replace((scan.stamp, map_from_robot)) {
-            let control = control(from.between(map_from_robot), f64::from(scan.stamp.since(before).as_secs_f32()));
-            events.push(DriveEvent { stamp: scan.stamp, what: What::Control(control) });
-        }
-        if looked.is_none_or(|looked| f64::from(scan.stamp.since(looked).as_secs_f32()) >= SIGHTINGS_APART_S) {
-            looked = Some(scan.stamp);
-            let sweep = Sweep { scan, robot_from_lrf, motion };
-            let seen = sightings(config, &sweep, &bright.brightness);
-            events.push(DriveEvent { stamp: scan.stamp, what: What::Sightings(seen) });
-        }
+        events.move_to(scan.stamp, map_from_robot);
+        events.look(config, &Sweep { scan, robot_from_lrf, motion }, &bright.brightness);
     }
     let mount = scans.first().and_then(|scan| scan.scan.robot_from_lrf).unwrap_or_default();
     Ok(Drive {
         name,
-        events,
+        events: events.events,
         truth: Vec::new(),
         has_headings: true,
         landmarks: Vec::new(),
@@ -137,6 +127,32 @@ pub fn drive(
         detect: Some(*config),
         has_identities: false,
     })
+}
+
+/// The drive so far.
+#[derive(Default)]
+struct Events {
+    events: Vec<DriveEvent>,
+    last: Option<(Instant, Pose2)>,
+    looked: Option<Instant>,
+}
+
+impl Events {
+    fn move_to(&mut self, stamp: Instant, map_from_robot: Pose2) {
+        if let Some((before, from)) = self.last.replace((stamp, map_from_robot)) {
+            let control = control(from.between(map_from_robot), f64::from(stamp.since(before).as_secs_f32()));
+            self.events.push(DriveEvent { stamp, what: What::Control(control) });
+        }
+    }
+
+    fn look(&mut self, config: &DetectConfig, sweep: &Sweep<'_>, brightness: &[u8]) {
+        let stamp = sweep.scan.stamp;
+        let is_due = |looked| f64::from(stamp.since(looked).as_secs_f32()) >= SIGHTINGS_APART_S;
+        if self.looked.is_none_or(is_due) {
+            self.looked = Some(stamp);
+            self.events.push(DriveEvent { stamp, what: What::Sightings(sightings(config, sweep, brightness)) });
+        }
+    }
 }
 
 /// The way along the arc, and the turn. What goes sideways is no way of a robot with wheels, and is left out.
@@ -150,9 +166,13 @@ fn control(step: Pose2, seconds: f64) -> Control {
 
 /// The landmarks in a scan, as they are seen in the middle of its sweep.
 fn sightings(config: &DetectConfig, sweep: &Sweep<'_>, brightness: &[u8]) -> Vec<Sighting> {
-    let beams: Vec<Beam> = sweep.scan.beams.iter().map(sweep.middle_beam()).collect();
+    let levels = brightness.iter().copied().chain(std::iter::repeat(0));
+    let mut seen: Vec<(Beam, u8)> = sweep.scan.beams.iter().map(sweep.middle_beam()).zip(levels).collect();
+    // Turns of a mirror that are interlaced may overtake one another in a robot that turns.
+    seen.sort_by(|a, b| a.0.bearing_rad.total_cmp(&b.0.bearing_rad));
+    let (beams, levels): (Vec<Beam>, Vec<u8>) = seen.into_iter().unzip();
     let mut found = [Detection::default(); DETECTIONS_MAX];
-    let result = detect(config, &RangeScan { beams: &beams, ..sweep.scan }, brightness, &mut found);
+    let result = detect(config, &RangeScan { beams: &beams, ..sweep.scan }, &levels, &mut found);
     found[..result.count].iter().map(Detection::sighting).collect()
 }
 

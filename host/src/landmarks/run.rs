@@ -101,18 +101,17 @@ pub fn run(
     let began = Clock::now();
     let mut run = LandmarkRun { memory_bytes: state.bytes, ..LandmarkRun::default() };
     let mut last: Option<Instant> = None;
-    let mut states = Vec::with_capacity(drive.events.len());
-    let mut fates: Vec<Vec<Fate>> = Vec::with_capacity(drive.events.len());
+    let mut told = Told::default();
     for (index, event) in drive.events.iter().enumerate() {
-        let mut of_event = Vec::new();
+        let mut fates = Vec::new();
         match &event.what {
             What::Control(control) => {
                 state.slam.predict(control);
                 run.controls += 1;
             }
             What::Sightings(sightings) => {
-                of_event.resize(sightings.len(), Fate::Refused);
-                add(&mut run.counts, state.slam.observe(sightings, &mut of_event));
+                fates.resize(sightings.len(), Fate::Refused);
+                add(&mut run.counts, state.slam.observe(sightings, &mut fates));
                 run.batches += 1;
                 state.paths.resampled(&state.slam);
                 if !watch(event.stamp, index as f64 / drive.events.len() as f64) {
@@ -120,8 +119,8 @@ pub fn run(
                 }
             }
         }
-        states.push(state.slam.robot());
-        fates.push(of_event);
+        told.states.push(state.slam.robot());
+        told.fates.push(fates);
         if last.is_none_or(|last| event.stamp.micros - last.micros >= PATH_STEP_MICROS) {
             last = Some(event.stamp);
             run.estimate.online.push(timed(event.stamp, &state.slam.robot()));
@@ -132,17 +131,34 @@ pub fn run(
     let robot = state.slam.robot();
     (run.estimate.distance_scale, run.estimate.turn_scale) = (robot[3], robot[4]);
     run.estimate.landmarks = state.slam.landmarks();
-    // FastSLAM's particles choose landmarks each for itself: without identities nobody knows what they chose.
-    let is_known = config.association == Association::Known;
-    let is_told = is_known || filter == Filter::Ekf;
-    run.estimate.path = match is_told && !run.estimate.landmarks.is_empty() && states.len() == drive.events.len() {
-        true => {
-            let fates = (!is_known).then_some(&fates[..]);
-            thinned(smoothed(drive, config, &run.estimate.landmarks, &states, fates))
-        }
-        false => state.paths.of(&state.slam),
-    };
+    let smoothed = told.smoothed(drive, config, filter, &run.estimate.landmarks);
+    run.estimate.path = smoothed.unwrap_or_else(|| state.paths.of(&state.slam));
     Some(run)
+}
+
+/// What the filter said on the way, for each event.
+#[derive(Default)]
+struct Told {
+    states: Vec<RobotState>,
+    fates: Vec<Vec<Fate>>,
+}
+
+impl Told {
+    /// The path in the final map; `None` if the drive was not at its end, or nobody knows what sightings were taken for: without identities,
+    /// FastSLAM's particles choose each for itself.
+    fn smoothed(
+        &self,
+        drive: &Drive,
+        config: &LandmarkConfig,
+        filter: Filter,
+        map: &[MapLandmark],
+    ) -> Option<Vec<TimedPose>> {
+        let is_known = config.association == Association::Known;
+        let is_told = is_known || filter == Filter::Ekf;
+        let is_whole = !map.is_empty() && self.states.len() == drive.events.len();
+        let fates = (!is_known).then_some(&self.fates[..]);
+        (is_told && is_whole).then(|| thinned(smoothed(drive, config, map, &self.states, fates)))
+    }
 }
 
 fn add(sum: &mut SightingCounts, counts: SightingCounts) {

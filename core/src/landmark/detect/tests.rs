@@ -76,6 +76,10 @@ fn a_reflector_of_two_beams_has_its_centre_and_a_wall_none() {
     assert!(all[0].is_reflector && (all[0].range_m - range).abs() < 0.03, "{all:?}");
     assert!((all[0].bearing_rad - bearing).abs() < 0.5_f64.to_radians(), "{all:?}");
     assert_eq!(found(&config(), &beams, &[]), [], "two beams are no post");
+    let mut mixed = beams.clone();
+    let edge = beams.iter().position(is_it).unwrap();
+    mixed[edge].echo = Echo::Hit(7.0);
+    assert_eq!(found(&config(), &mixed, &brightness), [], "an edge between reflector and wall");
     assert_eq!(found(&DetectConfig { reflectors: false, ..config() }, &beams, &brightness), []);
 }
 

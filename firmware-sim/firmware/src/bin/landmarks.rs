@@ -44,12 +44,8 @@ fn seen(index: usize, step: u32) -> Sighting {
 }
 
 fn drive(board: &mut Board) -> Option<heapless::String<160>> {
-    let memory = EkfMemory {
-        mean: MEAN.take(),
-        covariance: COVARIANCE.take(),
-        work: WORK.take(),
-        landmarks: RECORDS.take(),
-    };
+    let memory =
+        EkfMemory { mean: MEAN.take(), covariance: COVARIANCE.take(), work: WORK.take(), landmarks: RECORDS.take() };
     let mut slam = EkfSlam::new(&LandmarkConfig::default(), memory)?;
     let (mut predicting, mut observing, mut batches) = (0, 0, 0_u32);
     for step in 1..=STEPS {

@@ -1,8 +1,8 @@
 //! What a step of landmark SLAM costs, against the number of landmarks and of particles.
 //!
 //! A step is one control and [`SEEN`] sightings of landmarks whose identities are known, once all are in the map. Cases take turns, round after
-//! round, and the least time of each counts: what else the computer does makes steps slower, never faster. All are compared with one of them,
-//! measured in the same rounds.
+//! round. Each round does the same, so the least time of each step counts: what else the computer does makes it slower, never faster. All
+//! are compared with one case, measured in the same rounds.
 
 use std::fmt::Write as _;
 use std::time::Instant;
@@ -16,8 +16,8 @@ use super::plots::{OURS, PlotError, THESIS};
 
 /// Landmarks seen in a step.
 pub const SEEN: usize = 4;
-/// Steps that are timed together.
-const STEPS: u32 = 20;
+/// Steps of a case: FastSLAM's resample in some of them.
+const STEPS: usize = 20;
 const LANDMARKS: [usize; 7] = [10, 20, 50, 100, 200, 350, 500];
 const PARTICLES: [u16; 7] = [10, 20, 50, 100, 200, 500, 1000];
 /// FastSLAM's landmarks where particles vary, and the EKF's that all are compared with.
@@ -31,7 +31,7 @@ pub struct CostRow {
     pub particles: Option<u16>,
     /// In the map.
     pub landmarks: usize,
-    /// Least time of a step, µs.
+    /// Mean over steps of the least time of each, µs.
     pub step_us: f64,
     /// The same over that of an EKF with 50 landmarks.
     pub ratio: f64,
@@ -47,10 +47,15 @@ pub fn landmark_cost(rounds: u32) -> Vec<CostRow> {
     let mut rows: Vec<CostRow> = cases
         .map(|(particles, landmarks)| CostRow { particles, landmarks, step_us: f64::INFINITY, ratio: 0.0 })
         .collect();
+    let mut least = vec![[f64::INFINITY; STEPS]; rows.len()];
     for _ in 0..rounds {
-        for row in &mut rows {
-            row.step_us = row.step_us.min(step_us(row.particles, row.landmarks));
+        for (row, least) in rows.iter().zip(&mut least) {
+            let taken = steps_us(row.particles, row.landmarks);
+            least.iter_mut().zip(taken).for_each(|(least, taken)| *least = least.min(taken));
         }
+    }
+    for (row, least) in rows.iter_mut().zip(&least) {
+        row.step_us = least.iter().sum::<f64>() / STEPS as f64;
     }
     let usual = rows.iter().find(|row| row.particles.is_none() && row.landmarks == USUAL_LANDMARKS);
     let usual = usual.map_or(f64::NAN, |row| row.step_us);
@@ -65,7 +70,7 @@ fn sighting(index: usize, landmarks: usize, heading: f64) -> Sighting {
     Sighting { range_m: 5.0, bearing_rad: lrfslam_core::landmark::wrap_angle(angle), identity, noise: None }
 }
 
-fn step_us(particles: Option<u16>, landmarks: usize) -> f64 {
+fn steps_us(particles: Option<u16>, landmarks: usize) -> [f64; STEPS] {
     let config = LandmarkConfig::default();
     let all: Vec<Sighting> = (0..landmarks).map(|index| sighting(index, landmarks, 0.0)).collect();
     match particles {
@@ -75,7 +80,7 @@ fn step_us(particles: Option<u16>, landmarks: usize) -> f64 {
             let (mut work, mut records) = (vec![[0.0; 4]; order], vec![Landmark::UNUSED; records]);
             let (mean, covariance, work, landmarks) = (&mut mean, &mut covariance, &mut work, &mut records);
             let slam = EkfSlam::new(&config, EkfMemory { mean, covariance, work, landmarks });
-            slam.map_or(f64::INFINITY, |mut slam| {
+            slam.map_or([f64::INFINITY; STEPS], |mut slam| {
                 slam.observe(&all, &mut []);
                 timed(all.len(), |control, seen| {
                     slam.predict(control);
@@ -87,7 +92,7 @@ fn step_us(particles: Option<u16>, landmarks: usize) -> f64 {
             let mut particles = vec![FastParticle::UNUSED; usize::from(count)];
             let mut maps = vec![FastLandmark::default(); usize::from(count) * landmarks];
             let memory = FastMemory { particles: &mut particles, landmarks: &mut maps };
-            FastSlam::new(&config, 1, memory).map_or(f64::INFINITY, |mut slam| {
+            FastSlam::new(&config, 1, memory).map_or([f64::INFINITY; STEPS], |mut slam| {
                 slam.observe(&all);
                 timed(all.len(), |control, seen| {
                     slam.predict(control);
@@ -98,18 +103,18 @@ fn step_us(particles: Option<u16>, landmarks: usize) -> f64 {
     }
 }
 
-/// Time of a step in the mean, µs.
-fn timed(landmarks: usize, mut step: impl FnMut(&Control, &[Sighting])) -> f64 {
+/// Time of each step, µs.
+fn timed(landmarks: usize, mut step: impl FnMut(&Control, &[Sighting])) -> [f64; STEPS] {
     let turn_rad = 0.1;
-    let begun = Instant::now();
-    for number in 1..=STEPS {
-        let heading = f64::from(number) * turn_rad;
-        let first = number as usize * landmarks / STEPS as usize;
+    std::array::from_fn(|number| {
+        let heading = (number + 1) as f64 * turn_rad;
+        let first = number * landmarks / STEPS;
         let seen: [Sighting; SEEN] =
             std::array::from_fn(|ahead| sighting((first + ahead) % landmarks, landmarks, heading));
+        let begun = Instant::now();
         step(&Control::Odometry { distance_m: 0.0, turn_rad, seconds: 0.1 }, &seen);
-    }
-    begun.elapsed().as_secs_f64() * 1e6 / f64::from(STEPS)
+        begun.elapsed().as_secs_f64() * 1e6
+    })
 }
 
 /// A line for each case: filter, particles, landmarks, step_us, ratio.
@@ -135,8 +140,7 @@ pub fn plot_cost(rows: &[CostRow]) -> Result<String, PlotError> {
     let landmarks = |row: &CostRow| row.landmarks as f64;
     let ekf = points(&|row| row.particles.is_none().then(|| landmarks(row)));
     let fast = points(&|row| (row.particles == Some(USUAL_PARTICLES)).then(|| landmarks(row)));
-    let by_particles =
-        points(&|row| row.particles.filter(|_| row.landmarks == USUAL_LANDMARKS).map(f64::from));
+    let by_particles = points(&|row| row.particles.filter(|_| row.landmarks == USUAL_LANDMARKS).map(f64::from));
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, (760, 320)).into_drawing_area();
@@ -185,7 +189,7 @@ mod tests {
 
     #[test]
     fn all_cases_are_measured_and_drawn() {
-        let rows = landmark_cost(1);
+        let rows = landmark_cost(3);
         assert_eq!(rows.len(), 2 * LANDMARKS.len() + PARTICLES.len() - 1);
         assert!(rows.iter().all(|row| row.step_us > 0.0 && row.ratio.is_finite()), "{rows:?}");
         // An EKF of ten times the landmarks costs much more than ten times as much: quadratic, by a wide margin.
