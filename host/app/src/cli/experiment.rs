@@ -7,8 +7,8 @@ use anyhow::Context as _;
 use clap::{Args, Subcommand};
 
 use super::cloud::{TiltArgs, from_log};
-use super::experiment_endurance::{self, EnduranceArgs};
 use super::experiment_cost::{self, CostArgs};
+use super::experiment_endurance::{self, EnduranceArgs};
 use super::experiment_envelope::{self, EnvelopeArgs};
 use super::experiment_starts::{self, StartsArgs};
 use super::experiment_sweep::{self, SweepArgs};

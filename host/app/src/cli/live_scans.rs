@@ -82,6 +82,10 @@ impl Mapping {
         }
     }
 
+    pub(super) fn say(&self, text: &str) {
+        self.tell.say(text);
+    }
+
     /// Says where a recording is that does not begin among the results: a kill would leave it there.
     pub(super) fn tell_where(&self, recording: &Path, folder: &ResultFolder) {
         let beside = folder.growing(RECORDING);

@@ -44,7 +44,7 @@ impl RunArgs {
         let Some(keep) = self.keep_runs else { return Ok(()) };
         let removed = keep_latest(Path::new("."), STEM, usize::from(keep) - 1);
         for name in removed.context("runs of earlier cannot be removed")? {
-            self.mapping.tell().say(&format!("{name}: removed, since later runs are kept"));
+            self.mapping.say(&format!("{name}: removed, since later runs are kept"));
         }
         Ok(())
     }

@@ -23,6 +23,9 @@ use lrfslam_host::trajectory::TimedPose;
 /// True and estimated poses belong together if they are no farther apart.
 const TOLERANCE: Duration = Duration::from_millis(20);
 
+/// A panel of the figure: its title and its value.
+type Panel = (&'static str, fn(&Stretch) -> f64);
+
 /// One stretch of the time.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Stretch {
@@ -199,7 +202,7 @@ pub fn endurance_markdown(stretches: &[Stretch]) -> String {
 /// # Errors
 /// If drawing fails.
 pub fn plot_endurance(stretches: &[Stretch]) -> Result<String, PlotError> {
-    let panels: [(&str, fn(&Stretch) -> f64); 4] = [
+    let panels: [Panel; 4] = [
         ("median time of a scan, ms", |s| s.p50_ms),
         ("99.9 % of the scans take less, ms", |s| s.p999_ms),
         ("memory, MB", |s| s.memory_bytes as f64 / 1e6),
