@@ -286,7 +286,7 @@ mod tests {
             assert!(error.starts_with("a drive of 0 to 108000 s is expected, found "), "{error}");
         }
         let error = written(&plan(Pace::Count(usize::MAX))).unwrap_err().to_string();
-        assert!(error.starts_with("at most 2700000 scans are expected"), "{error}");
+        assert!(error.starts_with("at most 8100000 scans are expected"), "{error}");
         let room = Scenario::load("room").unwrap();
         let [mut log, mut truth]: [Vec<u8>; 2] = Default::default();
         let mut files = LogFiles { log: &mut log, truth: &mut truth, tilted: None, tilt: None };

@@ -24,8 +24,8 @@ pub(super) struct EnduranceArgs {
     #[arg(long, value_name = "FILE", help = TRUTH)]
     truth: PathBuf,
     /// Length of a stretch, s.
-    #[arg(long, value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(i64).range(1..=86_400))]
-    every: i64,
+    #[arg(long = "stretch", value_name = "S", default_value_t = 3600, value_parser = clap::value_parser!(i64).range(1..=86_400))]
+    stretch_s: i64,
     #[command(flatten)]
     seed: SeedArgs,
     #[command(flatten)]
@@ -42,7 +42,7 @@ pub(super) fn run(args: &EnduranceArgs) -> Result<(), Failure> {
     let scans = Scans::open(&args.log, config.log_options(), &NEVER, args.tell.sayer()).map_err(Failure::Start)?;
     let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
     let mut folder = args.out.folder("endurance")?;
-    let every = Duration::from_millis(1000 * args.every);
+    let every = Duration::from_millis(1000 * args.stretch_s);
     let mapping = (&config.mapping(), config.robot_from_lrf());
     let stretches = run_endurance(mapping, args.seed.seed, scans, &truth, every, |stretch| {
         args.tell.say(&format!(
