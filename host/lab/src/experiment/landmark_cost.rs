@@ -147,30 +147,32 @@ pub fn plot_cost(rows: &[CostRow]) -> Result<String, PlotError> {
         root.fill(&WHITE)?;
         let (left, right) = root.split_horizontally(400);
         let lines = [("EKF", ekf, OURS), ("FastSLAM, 100 particles", fast, THESIS)];
-        draw(&left, "landmarks", 10.0..500.0, &lines)?;
-        draw(&right, "particles, each with 50 landmarks", 10.0..1000.0, &[("FastSLAM", by_particles, THESIS)])?;
+        draw(&left, "landmarks", &lines)?;
+        draw(&right, "particles, each with 50 landmarks", &[("FastSLAM", by_particles, THESIS)])?;
         root.present()?;
     }
     Ok(svg)
 }
 
+/// Landmarks or particles of the figure.
+const ACROSS: std::ops::Range<f64> = 10.0..1000.0;
+
 type Line<'a> = (&'a str, Vec<(f64, f64)>, RGBColor);
 
-fn draw(
-    area: &super::plots::Area<'_>,
-    name: &str,
-    across: std::ops::Range<f64>,
-    lines: &[Line<'_>],
-) -> Result<(), PlotError> {
+fn draw(area: &super::plots::Area<'_>, name: &str, lines: &[Line<'_>]) -> Result<(), PlotError> {
     let ratios = lines.iter().flat_map(|line| &line.1).map(|point| point.1).filter(|ratio| *ratio > 0.0);
     let (low, high) = ratios.fold((f64::INFINITY, 1.0), |(low, high), ratio| (low.min(ratio), f64::max(high, ratio)));
     let low = if low.is_finite() { 0.7 * low } else { 0.1 };
     let mut chart = ChartBuilder::on(area)
         .margin(8)
+        .margin_right(24)
         .x_label_area_size(34)
         .y_label_area_size(54)
-        .build_cartesian_2d(across.log_scale(), (low..1.5 * high).log_scale())?;
-    chart.configure_mesh().light_line_style(WHITE).x_desc(name).y_desc("step, over an EKF's with 50").draw()?;
+        .build_cartesian_2d(ACROSS.log_scale(), (low..1.5 * high).log_scale())?;
+    let tick = |value: &f64| format!("{value}");
+    let mut mesh = chart.configure_mesh();
+    mesh.light_line_style(WHITE).x_label_formatter(&tick).y_label_formatter(&tick);
+    mesh.x_desc(name).y_desc("step, over an EKF's with 50").draw()?;
     for (name, points, colour) in lines {
         let colour = *colour;
         chart
