@@ -12,6 +12,7 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_core::motion::ScanMatchingMotionConfig;
 
 use lrfslam_host::pose_f64::PoseF64;
+use serde::Serialize;
 
 /// Equal shares of the errors, by number of steps, from which the line is fitted.
 const BINS: usize = 12;
@@ -28,7 +29,7 @@ pub struct DisplacementError {
 }
 
 /// Variance a + b n.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Growth {
     /// √a, of every displacement.
     pub constant: f64,

@@ -93,6 +93,14 @@ impl<'m> Mapper<'m> {
         self.counts.add(&done.0.odometry);
         Ok(done)
     }
+
+    /// Where the laser odometry takes the robot to be: from here the next scan will have moved.
+    pub fn map_from_robot(&self) -> Pose2 {
+        match &self.engine {
+            Engine::Matcher(matcher) => matcher.map_from_robot(),
+            Engine::DpSlam(engine) => engine.slam.odometry().map_from_robot(),
+        }
+    }
 }
 
 impl LowLevel for Mapper<'_> {

@@ -5,6 +5,7 @@
 
 mod saving;
 mod showing;
+mod whereabouts;
 
 use std::path::Path;
 use std::time::{Duration as WallDuration, Instant as WallInstant};
@@ -21,10 +22,12 @@ use lrfslam_robot::wire::message::{FromRobot, ScanPose};
 
 pub use self::saving::About;
 pub use self::showing::Beside;
+pub use self::whereabouts::Whereabouts;
 use crate::mapping::high::{HighCounts, HighParticles, HighSlam};
 use crate::mapping::mapper::Mapper;
 use crate::mapping::{LowLevel, LowPose, MapperMemory, MappingConfig, ParticlePools};
 use crate::maps::occupancy::OccupancyMap;
+use crate::pose_f64::PoseF64;
 use crate::robot::{RobotMap, Sweeps};
 use crate::runs::bag::RunBag;
 
@@ -85,6 +88,10 @@ pub struct Run<'m, L> {
     beams: BeamCounts,
     /// The folder of the map that it goes on with.
     continues: Option<String>,
+    /// By laser odometry alone, which corrections from above do not move.
+    odom_from_robot: PoseF64,
+    /// The last step of that.
+    moved: PoseF64,
     /// What is recorded of it.
     bag: Option<RunBag>,
     working: WallDuration,
@@ -116,7 +123,10 @@ impl<'m> MapRun<'m> {
         odometry: Option<Pose2>,
     ) -> anyhow::Result<StepReport> {
         let started = WallInstant::now();
+        let before = self.low.map_from_robot();
         let (step, times) = self.low.add_scan(scan, robot_from_lrf, odometry)?;
+        self.moved = PoseF64::from(before).between(PoseF64::from(step.odometry.matched.map_from_robot));
+        self.odom_from_robot = self.odom_from_robot.then(self.moved);
         let sweep = Sweep { scan: *scan, robot_from_lrf, motion: step.odometry.motion };
         if let Some(filter) = &step.filter {
             self.steps.add(scan.stamp, self.places.len(), filter, &times);
@@ -240,6 +250,8 @@ impl<'m, L: LowLevel> Run<'m, L> {
             step_count: 0,
             beams: BeamCounts::default(),
             continues: None,
+            odom_from_robot: PoseF64::default(),
+            moved: PoseF64::default(),
             bag: None,
             working: WallDuration::ZERO,
         }

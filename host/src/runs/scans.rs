@@ -12,7 +12,7 @@ use anyhow::anyhow;
 use crate::input::text::ByteCount;
 use crate::output::RECORDING;
 use crate::results::report::{Input, LaserCounts, RecordingCounts, Source};
-use crate::scans::live::{LiveLaser, NOTICED_AFTER, Say, ScanSource, ScanStream, SourceReport};
+use crate::scans::live::{Fetch, LiveLaser, NOTICED_AFTER, Say, ScanSource, ScanStream, SourceReport};
 use crate::scans::log::{LogError, LogOptions, LogReader, LogScan};
 use crate::scans::recording::RecordingReader;
 
@@ -85,6 +85,12 @@ impl Scans {
     pub fn live(laser: LiveLaser, stop: &'static AtomicBool, say: Say) -> Self {
         let name = laser.address.to_string();
         let stream = Box::new(ScanStream::new(ScanSource::Live(laser), stop, say));
+        Self { name, stop, origin: Origin::Laser { stream, file: None, report: None } }
+    }
+
+    /// Those that others tell of a laser, from now on; `name` says where they come from.
+    pub fn told(name: String, fetch: Fetch, stop: &'static AtomicBool, say: Say) -> Self {
+        let stream = Box::new(ScanStream::of(fetch, stop, say));
         Self { name, stop, origin: Origin::Laser { stream, file: None, report: None } }
     }
 

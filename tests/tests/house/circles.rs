@@ -7,8 +7,18 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::{files, root};
 
-const PACKAGES: [&str; 9] =
-    ["core", "core/lrf", "core/robot", "core/scan", "host", "host/app", "host/lab", "host/monitor", "firmware-sim"];
+const PACKAGES: [&str; 10] = [
+    "core",
+    "core/lrf",
+    "core/robot",
+    "core/scan",
+    "host",
+    "host/app",
+    "host/lab",
+    "host/monitor",
+    "host/ros2",
+    "firmware-sim",
+];
 
 /// A module by its path, such as `["wire", "session"]`; the crate's root has none.
 type Module = Vec<String>;

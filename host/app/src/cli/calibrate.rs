@@ -5,9 +5,11 @@ use std::path::PathBuf;
 
 use clap::Args;
 use lrfslam_core::geometry::Pose2;
+use lrfslam_core::motion::ScanMatchingMotionConfig;
 use lrfslam_core::time::Duration;
+use serde::Serialize;
 
-use super::shared::{ConfigArgs, LOG, RELATIONS, SeedArgs, TRUTH};
+use super::shared::{ConfigArgs, JsonArgs, LOG, RELATIONS, SeedArgs, TRUTH};
 use super::{Failure, print};
 use crate::config::RunConfig;
 use lrfslam_host::mapping::mapper::Mapper;
@@ -35,6 +37,8 @@ pub(super) struct CalibrateArgs {
     /// Write the section to this file instead of printing it.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    json: JsonArgs,
 }
 
 #[derive(Debug, Args)]
@@ -65,10 +69,33 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<(), Failure> {
             known.len()
         ))
     })?;
-    let text = section(&fit, &args.log.display().to_string(), errors.len());
+    let log = args.log.display().to_string();
+    let text = section(&fit, &log, errors.len());
+    let report = || Fitted::new(&fit, log, errors.len());
     match &args.out {
-        None => print(&text),
-        Some(file) => save_file(file, text.as_bytes()).map_err(Failure::Work),
+        None => print(&args.json.choose(&report(), || text)?),
+        Some(file) => {
+            save_file(file, text.as_bytes()).map_err(Failure::Work)?;
+            print(&args.json.choose(&report(), String::new)?)
+        }
+    }
+}
+
+/// The fit, as JSON.
+#[derive(Debug, Serialize)]
+struct Fitted {
+    log: String,
+    displacements: usize,
+    forward_m: Growth,
+    lateral_m: Growth,
+    heading_deg: Growth,
+    motion: ScanMatchingMotionConfig,
+}
+
+impl Fitted {
+    fn new(fit: &MotionFit, log: String, displacements: usize) -> Self {
+        let MotionFit { forward_m, lateral_m, heading_deg, .. } = *fit;
+        Self { log, displacements, forward_m, lateral_m, heading_deg, motion: fit.config() }
     }
 }
 

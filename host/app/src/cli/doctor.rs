@@ -17,7 +17,6 @@ use crate::config::RunConfig;
 use lrfslam_host::doctor::{Diagnosis, Doctor, Finding, FollowerMemory, STRETCHES_MAX, Severity, SmearLimits};
 use lrfslam_host::plural::count;
 use lrfslam_host::results::report::{Ending, Source};
-use lrfslam_host::runs::scans::Scans;
 
 /// Say what is wrong or unusual with a log, a recording or a laser, and what to set.
 ///
@@ -58,8 +57,8 @@ pub(super) fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let (scans, end) = match (&args.log, &args.laser) {
         (Some(log), _) => (open_scans(log, args.topic.log_options(&config), stop, args.tell.sayer())?, args.end),
         (None, Some(laser)) => {
-            let laser = laser.live().map_err(Failure::Start)?;
-            (Scans::live(laser, stop, args.tell.sayer()), args.end.or_seconds(LIVE_S))
+            let scans = laser.scans(config.log_options().range_max_m, stop, args.tell.sayer())?;
+            (scans, args.end.or_seconds(LIVE_S))
         }
         (None, None) => return Err(Failure::start(anyhow::anyhow!("neither a log nor a laser"))),
     };

@@ -1,47 +1,71 @@
 //! What the commands with a laser share: its arguments, ctrl-C, and words on the way.
 
+use std::ffi::OsStr;
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context as _;
-use clap::builder::PossibleValue;
-use clap::{Args, ValueEnum};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::error::ErrorKind;
+use clap::{Arg, Args, Command};
 use lrfslam_lrf::sick_lms::Variant;
 
-use super::Failure;
+use super::ros2::topic;
 use super::shared::{LRF, PORT, SECONDS};
+use super::{Failure, ros2_node};
 use crate::held;
+use lrfslam_host::runs::scans::Scans;
 use lrfslam_host::scans::family::{LrfFamily, LrfOptions};
 use lrfslam_host::scans::link::Address;
-use lrfslam_host::scans::live::{LiveLaser, NoLaser};
+use lrfslam_host::scans::live::{LiveLaser, NoLaser, Say};
 
-/// `--lrf`: a family, or none, which is to be found out.
+/// `--lrf`.
 #[derive(Debug, Clone, Copy)]
-struct LrfChoice(Option<LrfFamily>);
+enum LrfChoice {
+    /// To be found out.
+    Any,
+    Family(LrfFamily),
+    /// Scans that others publish in ROS 2.
+    Topic(&'static str),
+}
 
-impl ValueEnum for LrfChoice {
-    fn value_variants<'a>() -> &'a [Self] {
-        const CHOICES: [LrfChoice; 5] = {
-            let [a, b, c, d] = LrfFamily::ALL;
-            [LrfChoice(None), LrfChoice(Some(a)), LrfChoice(Some(b)), LrfChoice(Some(c)), LrfChoice(Some(d))]
-        };
-        &CHOICES
+/// Reads it: a name, or `ros2:` and a topic.
+#[derive(Debug, Clone, Copy)]
+struct LrfParser;
+
+/// What a topic begins with.
+const ROS2: &str = "ros2:";
+
+impl TypedValueParser for LrfParser {
+    type Value = LrfChoice;
+
+    fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<LrfChoice, clap::Error> {
+        if let Some(name) = value.to_str().and_then(|text| text.strip_prefix(ROS2)) {
+            let wrong = |error| command.clone().error(ErrorKind::ValueValidation, format!("--lrf: {error}"));
+            return topic(name).map(LrfChoice::Topic).map_err(wrong);
+        }
+        let names = PossibleValuesParser::new(self.possible_values().into_iter().flatten());
+        let name = names.parse_ref(command, arg, value)?;
+        let family = LrfFamily::ALL.into_iter().find(|family| family.names().flag == name);
+        Ok(family.map_or(LrfChoice::Any, LrfChoice::Family))
     }
 
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        let auto = || PossibleValue::new("auto").help("Found out, with its rate, within 30 s; it is said which it is");
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        let auto = PossibleValue::new("auto").help("Found out, with its rate, within 30 s; it is said which it is");
         let known = |family: LrfFamily| PossibleValue::new(family.names().flag).help(family.names().models);
-        Some(self.0.map_or_else(auto, known))
+        let told = PossibleValue::new("ros2:TOPIC")
+            .help("Scans that others publish in ROS 2, such as ros2:/scan; without --port");
+        Some(Box::new([auto].into_iter().chain(LrfFamily::ALL.map(known)).chain([told])))
     }
 }
 
 /// Which laser, and how it is reached.
 #[derive(Debug, Args)]
 pub(super) struct LaserArgs {
-    #[arg(long, value_enum, help = LRF)]
+    #[arg(long, value_parser = LrfParser, help = LRF)]
     lrf: LrfChoice,
     #[arg(long, value_name = "DEV", help = PORT)]
-    port: Address,
+    port: Option<Address>,
     /// Rate to change to, bit/s; auto finds the sensor's, and raises a slow one to what every port can.
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = parse_baud)]
     baud: u32,
@@ -123,29 +147,63 @@ fn check_baud(family: LrfFamily, baud: u32) -> Result<(), String> {
 }
 
 impl LaserArgs {
-    /// The laser that is meant; not recorded.
+    /// The topic of ROS 2 that takes the place of a laser.
+    pub(super) fn topic(&self) -> Option<&'static str> {
+        if let LrfChoice::Topic(topic) = self.lrf { Some(topic) } else { None }
+    }
+
+    /// Where the scans come from, as the user said it.
+    pub(super) fn name(&self) -> String {
+        let port = self.port.as_ref().map(Address::to_string);
+        self.topic().map(|topic| format!("{ROS2}{topic}")).or(port).unwrap_or_default()
+    }
+
+    /// The scans of it, not recorded.
+    ///
+    /// * `range_max_m` — of a topic: ranges from here on are misses, m; `None`: as its messages say
+    pub(super) fn scans(
+        &self,
+        range_max_m: Option<f32>,
+        stop: &'static AtomicBool,
+        say: Say,
+    ) -> Result<Scans, Failure> {
+        match self.topic() {
+            Some(topic) => ros2_node::scans(topic, (range_max_m, self.wait), stop, say),
+            None => Ok(Scans::live(self.live().map_err(Failure::Start)?, stop, say)),
+        }
+    }
+
+    /// The laser at a port that is meant; not recorded.
     pub(super) fn live(&self) -> anyhow::Result<LiveLaser> {
-        if self.lrf.0 == Some(LrfFamily::SickLms2xx) {
+        let family = match self.lrf {
+            LrfChoice::Any => None,
+            LrfChoice::Family(family) => Some(family),
+            LrfChoice::Topic(_) => {
+                anyhow::bail!("{}: expected a laser at a port: this command takes no topic", self.name())
+            }
+        };
+        let port = self.port.as_ref().context("--port is missing: where the laser is plugged in")?;
+        if family == Some(LrfFamily::SickLms2xx) {
             anyhow::ensure!(
-                self.port.has_baud(),
+                port.has_baud(),
                 "a SICK LMS2xx cannot be reached over TCP or UDP: its rate must be changed, and a serial-to-network converter keeps its \
                  own; connect it to a serial port"
             );
         }
-        self.lrf.0.map_or(Ok(()), |family| check_baud(family, self.baud)).map_err(anyhow::Error::msg)?;
-        let any_family = self.lrf.0.is_none();
+        family.map_or(Ok(()), |family| check_baud(family, self.baud)).map_err(anyhow::Error::msg)?;
+        let any_family = family.is_none();
         anyhow::ensure!(!any_family || self.baud == 0, "--lrf auto finds the rate itself: --baud needs a laser's name");
         let options = LrfOptions {
             baud: self.baud,
-            has_baud: self.port.has_baud(),
+            has_baud: port.has_baud(),
             variant: self.variant,
             whole_scans: self.whole_scans,
             brightness: self.brightness,
             cluster: self.cluster,
             latency_us: (self.latency * 1000.0) as i64,
-            ..LrfOptions::new(self.lrf.0.unwrap_or(LrfFamily::Hokuyo))
+            ..LrfOptions::new(family.unwrap_or(LrfFamily::Hokuyo))
         };
-        Ok(LiveLaser { any_family, waits: self.wait, ..LiveLaser::new(self.port.clone(), options) })
+        Ok(LiveLaser { any_family, waits: self.wait, ..LiveLaser::new(port.clone(), options) })
     }
 }
 

@@ -8,10 +8,8 @@ use std::time::{Duration as WallDuration, Instant as WallInstant};
 use anyhow::{Context as _, anyhow, ensure};
 use clap::Args;
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::scan::RangeScan;
 use lrfslam_core::slam::StepReport;
-use lrfslam_core::sweep::SpeedLimits;
-use lrfslam_core::time::{Duration, Instant};
+use lrfslam_core::time::Instant;
 
 use super::Failure;
 use super::continuing::{ContinueArgs, ReadAhead, in_words, verified_start};
@@ -22,10 +20,12 @@ use super::out::{OutArgs, SaveArgs};
 use super::particles::ParticleArgs;
 use super::progress::Progress;
 use super::room::ensure_room;
+use super::ros2::Ros2Args;
+use super::ros2_node::Published;
 use super::shared::{ConfigArgs, RESUME, SeedArgs, TellArgs};
+use super::speed_watch::SpeedWatch;
 use super::summary::{partial_notice, summary};
-use crate::config::About;
-use crate::config::{RunConfig, SpeedConfig};
+use crate::config::{About, RunConfig};
 use lrfslam_host::mapping::saved_map::SavedMap;
 use lrfslam_host::monitor::Health;
 use lrfslam_host::output::{RECORDING, ResultFolder, shown};
@@ -61,6 +61,8 @@ pub(super) struct Mapping {
     tell: TellArgs,
     #[command(flatten)]
     monitor: MonitorArgs,
+    #[command(flatten)]
+    ros2: Ros2Args,
 }
 
 impl Mapping {
@@ -109,7 +111,7 @@ impl Mapping {
         ensure_room(&config).map_err(Failure::Start)?;
         let frame = folder.map(|folder| folder.display().to_string());
         let watched = self.monitor.watched((what, source, frame), config.map, stop)?;
-        Ok(Plan { args: self, config, saved, odometry: false, watched, bag: None, stop })
+        Ok(Plan { args: self, config, saved, odometry: false, watched, bag: None, is_of_ros2: false, stop })
     }
 }
 
@@ -142,12 +144,18 @@ pub(super) struct Plan<'a> {
     watched: Watched,
     /// What is recorded besides, or with, a laser's bytes.
     pub(super) bag: Option<RunBag>,
+    /// The scans are those of a topic.
+    is_of_ros2: bool,
     pub(super) stop: &'static AtomicBool,
 }
 
 impl Plan<'_> {
     pub(super) fn with_odometry(self, odometry: bool) -> Self {
         Self { odometry, ..self }
+    }
+
+    pub(super) fn of_ros2(self) -> Self {
+        Self { is_of_ros2: true, ..self }
     }
 
     pub(super) fn with_bag(self, bag: Option<RunBag>) -> Self {
@@ -175,6 +183,7 @@ impl Plan<'_> {
         let mut memory = RunMemory::new(&config, self.args.particles.threads());
         let mut map = MapRun::new(&config, self.args.seed.seed, &mut memory).map_err(Failure::Start)?;
         self.watched.open(scans.is_log(), self.args.tell)?;
+        let published = self.args.ros2.announce(!self.is_of_ros2)?;
         let mut scans = ReadAhead::new(scans, self.args.end);
         scans.wait(self.stop)?;
         let start = self.start(&mut scans)?;
@@ -189,7 +198,7 @@ impl Plan<'_> {
             map.go_on(saved, from, start).map_err(Failure::Start)?;
         }
         let watched = std::mem::replace(&mut self.watched, Watched::nobody(self.stop));
-        LiveMapping::new(&self, map, scans, (folder, watched)).run()
+        LiveMapping::new(&self, map, scans, (folder, watched, published)).run()
     }
 
     /// Where the robot is in the map to go on with.
@@ -220,6 +229,7 @@ struct LiveMapping<'a, 'm> {
     scans: ReadAhead,
     folder: ResultFolder,
     watched: Watched,
+    published: Option<Published>,
     is_laser: bool,
     progress: Progress,
     watch: SpeedWatch,
@@ -234,14 +244,14 @@ impl<'a, 'm> LiveMapping<'a, 'm> {
         plan: &'a Plan<'a>,
         map: MapRun<'m>,
         mut scans: ReadAhead,
-        (folder, watched): (ResultFolder, Watched),
+        (folder, watched, published): (ResultFolder, Watched, Option<Published>),
     ) -> Self {
         let robot_from_lrf = plan.config.robot_from_lrf();
-        let watch = SpeedWatch { config: plan.config.speed, robot_from_lrf, too_fast: 0, last: None };
+        let watch = SpeedWatch::new(plan.config.speed, robot_from_lrf);
         let progress = Progress::new(scans.scans(), plan.args.tell.is_quiet());
         let (clock, told) = (HostClock::default(), (WallInstant::now(), 0));
         let is_laser = !scans.scans().is_log();
-        Self { plan, map, scans, folder, watched, is_laser, progress, watch, clock, told, fault: None }
+        Self { plan, map, scans, folder, watched, published, is_laser, progress, watch, clock, told, fault: None }
     }
 
     /// Maps scan after scan until there are no more, the user has seen enough, or a fault ends it.
@@ -270,6 +280,10 @@ impl<'a, 'm> LiveMapping<'a, 'm> {
                 self.plan.args.tell.say("the robot moves faster than the laser's rate allows: the map suffers");
             }
             self.tell_now_and_then(scan.stamp, step.map_from_robot);
+        }
+        if let Some(published) = &mut self.published {
+            published.step(scan.scan(), robot_from_lrf, self.map.whereabouts(&step));
+            published.map_if_due(|| self.map.raster());
         }
         self.show(scan, robot_from_lrf, &step);
         Ok(())
@@ -338,6 +352,7 @@ impl<'a, 'm> LiveMapping<'a, 'm> {
         let ending = self.scans.ending(self.fault.is_some(), self.plan.stop);
         let about = self.about(ending);
         let report = self.folder.save(|stage| self.map.write_into(stage, &about));
+        self.published.take().into_iter().for_each(|published| published.finish(|| self.map.raster()));
         let recorded = self.plan.bag.as_ref().map_or(Ok(()), RunBag::finish);
         let report = report.map_err(|error| Failure::Work(with_cause(error, self.fault.as_ref())))?;
         recorded.unwrap_or_else(|error| say(&format!("--record: {error}")));
@@ -367,32 +382,5 @@ fn with_cause(error: anyhow::Error, fault: Option<&anyhow::Error>) -> anyhow::Er
     match fault {
         Some(fault) => error.context(format!("{fault:#}; then, while writing partial results")),
         None => error,
-    }
-}
-
-/// Compares the laser's motion with what its rate allows.
-struct SpeedWatch {
-    config: SpeedConfig,
-    robot_from_lrf: Pose2,
-    too_fast: u32,
-    last: Option<(Instant, Pose2)>,
-}
-
-impl SpeedWatch {
-    /// Takes the pose of the next scan; true when the robot has just become too fast.
-    fn is_too_fast(&mut self, scan: &RangeScan<'_>, map_from_robot: Pose2) -> bool {
-        let map_from_lrf = map_from_robot * self.robot_from_lrf;
-        let Some((stamp, from)) = self.last.replace((scan.stamp, map_from_lrf)) else { return false };
-        let dt = scan.stamp.since(stamp);
-        let sweep = scan.beams.iter().map(|beam| beam.offset.micros.abs()).max().filter(|span| *span > 0);
-        let period = sweep.map_or(dt, Duration::from_micros);
-        // Stamps that lie closer together than half a sweep are jitter, and say nothing about the speed.
-        if dt.micros < period.micros / 2 {
-            return false;
-        }
-        let limits = SpeedLimits::new(period, self.config.error_m, self.config.error_deg.to_radians());
-        let exceeds = limits.are_exceeded_by(from.between(map_from_lrf), dt);
-        self.too_fast += u32::from(exceeds);
-        exceeds && self.too_fast == 1
     }
 }

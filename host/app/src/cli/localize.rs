@@ -125,7 +125,7 @@ pub(super) fn run(args: &LocalizeArgs) -> Result<(), Failure> {
 impl LocalizeArgs {
     /// What the live page calls it: command, source, and the map whose frame it is in.
     fn names(&self) -> (&'static str, String, Option<String>) {
-        let laser = self.laser.as_ref().and_then(|laser| laser.live().ok()).map(|laser| laser.address.to_string());
+        let laser = self.laser.as_ref().map(LaserArgs::name);
         let log = self.log.as_ref().map(|log| log.display().to_string());
         ("localize", log.or(laser).unwrap_or_default(), Some(self.map.display().to_string()))
     }
@@ -145,9 +145,8 @@ impl LocalizeArgs {
                 Ok((scans, folder))
             }
             (None, Some(laser)) => {
-                let laser = laser.live().map_err(Failure::Start)?;
-                let folder = self.out.folder("localized")?;
-                Ok((Scans::live(laser, stop, watched.sayer(self.tell)), folder))
+                let scans = laser.scans(config.log_options().range_max_m, stop, watched.sayer(self.tell))?;
+                Ok((scans, self.out.folder("localized")?))
             }
             (None, None) => Err(Failure::start(anyhow::anyhow!("neither a log nor a laser"))),
         }

@@ -8,8 +8,10 @@ use lrfslam_core::geometry::Point2;
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::time::Duration;
 use lrfslam_lrf::driver::Identity;
+use serde::Serialize;
 
 use super::laser::{LaserArgs, interrupt_flag, say, source_failure};
+use super::shared::JsonArgs;
 use super::{Failure, print};
 use lrfslam_host::maps::picture::scan_png;
 use lrfslam_host::output::write_file;
@@ -25,26 +27,36 @@ pub(super) struct LrfArgs {
 #[derive(Debug, Subcommand)]
 enum LrfCommand {
     /// Print what is connected: model, firmware, field of view, its own words on how it is.
-    Info(LaserArgs),
+    Info(InfoArgs),
     /// Take one scan: a summary as text, and all of it as a table or picture if asked.
     Scan(ScanArgs),
+}
+
+#[derive(Debug, Args)]
+struct InfoArgs {
+    #[command(flatten)]
+    laser: LaserArgs,
+    #[command(flatten)]
+    json: JsonArgs,
 }
 
 #[derive(Debug, Args)]
 struct ScanArgs {
     #[command(flatten)]
     laser: LaserArgs,
+    #[command(flatten)]
+    json: JsonArgs,
     /// Write the scan as a picture, seen from above.
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
     /// Print every beam: bearing in degrees, range in metres or "miss" or "invalid", milliseconds after the stamp.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "json")]
     table: bool,
 }
 
 pub(super) fn run(args: &LrfArgs) -> Result<(), Failure> {
     match &args.command {
-        LrfCommand::Info(laser) => info(laser),
+        LrfCommand::Info(args) => info(args),
         LrfCommand::Scan(scan) => one_scan(scan),
     }
 }
@@ -65,21 +77,23 @@ fn until(laser: &LaserArgs, mut done: impl FnMut(&Item<'_>) -> bool) -> Result<b
     Ok(found)
 }
 
-fn info(laser: &LaserArgs) -> Result<(), Failure> {
-    let mut text = String::new();
-    let found = until(laser, |item| {
+fn info(args: &InfoArgs) -> Result<(), Failure> {
+    let mut told = None;
+    until(&args.laser, |item| {
         if let Item::Identified(identity) = item {
-            text = describe(identity);
+            told = Some((Told::new(identity), describe(identity)));
         }
-        !text.is_empty()
+        told.is_some()
     })?;
-    if found { print(&text) } else { Err(interrupted("nothing was found")) }
+    let Some((report, text)) = told else { return Err(interrupted("nothing was found")) };
+    print(&args.json.choose(&report, || text)?)
 }
 
 fn one_scan(args: &ScanArgs) -> Result<(), Failure> {
-    let (mut text, mut picture) = (String::new(), None);
+    let (mut report, mut text, mut picture) = (None, String::new(), None);
     let found = until(&args.laser, |item| {
         let Item::Scan(scan) = item else { return false };
+        report = Some(ScanReport::new(scan));
         text = summarise(scan);
         if args.table {
             text.push_str(&table(scan));
@@ -94,11 +108,77 @@ fn one_scan(args: &ScanArgs) -> Result<(), Failure> {
         let written = picture.and_then(|bytes| write_file(path, &bytes));
         written.map_err(|error| Failure::work(anyhow::anyhow!("{}: {error}", path.display())))?;
     }
-    print(&text)
+    print(&args.json.choose(&report, || text)?)
 }
 
 fn interrupted(what: &str) -> Failure {
     Failure::Interrupted(anyhow::anyhow!("interrupted; {what}"))
+}
+
+/// What is connected, as JSON; what the sensor does not say is left out.
+#[derive(Debug, Serialize)]
+struct Told {
+    model: String,
+    #[serde(skip_serializing_if = "String::is_empty")]
+    serial: String,
+    #[serde(skip_serializing_if = "String::is_empty")]
+    firmware: String,
+    #[serde(skip_serializing_if = "String::is_empty")]
+    state: String,
+    view_rad: [f32; 2],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    beams: Option<u16>,
+    range_max_m: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    turn_s: Option<f32>,
+}
+
+impl Told {
+    fn new(identity: &Identity) -> Self {
+        Self {
+            model: identity.model.trim().to_owned(),
+            serial: identity.serial.trim().to_owned(),
+            firmware: identity.firmware.trim().to_owned(),
+            state: identity.state.trim().to_owned(),
+            view_rad: [identity.angle_min_rad, identity.angle_max_rad],
+            beams: Some(identity.beams).filter(|beams| *beams > 0),
+            range_max_m: identity.range_max_m,
+            turn_s: Some(identity.turn.as_secs_f32()).filter(|turn_s| *turn_s > 0.0),
+        }
+    }
+}
+
+/// A scan, as JSON.
+#[derive(Debug, Serialize)]
+struct ScanReport {
+    stamp_s: f64,
+    range_max_m: f32,
+    beams: Vec<BeamReport>,
+}
+
+#[derive(Debug, Serialize)]
+struct BeamReport {
+    bearing_rad: f32,
+    echo: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    range_m: Option<f32>,
+    /// After the stamp.
+    offset_s: f32,
+}
+
+impl ScanReport {
+    fn new(scan: &RangeScan<'_>) -> Self {
+        let beam = |beam: &Beam| {
+            let (echo, range_m) = match beam.echo {
+                Echo::Hit(range_m) => ("hit", Some(range_m)),
+                Echo::Miss => ("miss", None),
+                Echo::Invalid => ("invalid", None),
+            };
+            BeamReport { bearing_rad: beam.bearing_rad, echo, range_m, offset_s: beam.offset.as_secs_f32() }
+        };
+        let beams = scan.beams.iter().map(beam).collect();
+        Self { stamp_s: scan.stamp.as_secs_f64(), range_max_m: scan.range_max_m, beams }
+    }
 }
 
 fn describe(identity: &Identity) -> String {
@@ -212,6 +292,18 @@ mod tests {
         let rows: Vec<&str> = picture.lines().collect();
         assert!(rows[1].contains("#########"), "{picture}");
         assert!(rows[15].contains('^'));
+    }
+
+    #[test]
+    fn json_tells_the_three_kinds_of_beam_apart() {
+        let beam = |echo| Beam { bearing_rad: 0.5, offset: Duration::from_micros(500), echo };
+        let beams = [beam(Echo::Hit(1.5)), beam(Echo::Miss), beam(Echo::Invalid)];
+        let scan = RangeScan { stamp: Instant::from_micros(1_500_000), range_max_m: 8.0, beams: &beams };
+        let told = serde_json::to_value(ScanReport::new(&scan)).unwrap();
+        assert_eq!((&told["stamp_s"], &told["beams"][0]["range_m"]), (&1.5.into(), &1.5.into()));
+        let echoes: Vec<_> = told["beams"].as_array().unwrap().iter().map(|beam| beam["echo"].clone()).collect();
+        assert_eq!(echoes, ["hit", "miss", "invalid"]);
+        assert!(told["beams"][1].get("range_m").is_none());
     }
 
     #[test]

@@ -52,8 +52,15 @@ mod prove;
 mod record;
 mod replay;
 mod room;
+mod ros2;
+#[cfg(feature = "ros2")]
+mod ros2_node;
+#[cfg(not(feature = "ros2"))]
+#[path = "no_ros2_node.rs"]
+mod ros2_node;
 mod run;
 mod shared;
+mod speed_watch;
 mod summary;
 #[cfg(feature = "monitor")]
 mod watch;

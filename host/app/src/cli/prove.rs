@@ -3,10 +3,12 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use anyhow::Context as _;
 use clap::Args;
+use serde::Serialize;
 
 use super::laser::say;
-use super::shared::SEEDS;
+use super::shared::{JsonArgs, SEEDS};
 use super::{Failure, print};
 use crate::config::RunConfig;
 use lrfslam_lab::prove::{Choice, Plan, Proof};
@@ -37,12 +39,16 @@ pub(super) struct ProveArgs {
     /// Name the rows, and measure nothing.
     #[arg(long)]
     list: bool,
+    #[command(flatten)]
+    json: JsonArgs,
 }
 
 pub(super) fn run(args: &ProveArgs) -> Result<(), Failure> {
     let plan = Plan::built_in().map_err(Failure::start)?;
     if args.list {
-        return print(&list(&plan));
+        let rows: Vec<Listed<'_>> =
+            plan.rows().map(|(group, row)| Listed::new(&group.title, &row.id, &row.what)).collect();
+        return print(&args.json.choose(&rows, || list(&plan))?);
     }
     if let Some(id) = args.only.iter().find(|id| plan.rows().all(|(_, row)| row.id != **id)) {
         return Err(Failure::start(anyhow::anyhow!("--only {id}: there is no such row; --list names them")));
@@ -61,7 +67,25 @@ pub(super) fn run(args: &ProveArgs) -> Result<(), Failure> {
             args.out.join("measured.md").display()
         )));
     }
-    print(&format!("figures in {}\n", args.out.join("measured.md").display()))
+    let measured = args.out.join("measured.json");
+    let figures = std::fs::read_to_string(&measured).map_err(anyhow::Error::new);
+    let figures = figures.and_then(|text| serde_json::from_str::<serde_json::Value>(&text).map_err(anyhow::Error::new));
+    let figures = figures.with_context(|| measured.display().to_string()).map_err(Failure::Work)?;
+    print(&args.json.choose(&figures, || format!("figures in {}\n", args.out.join("measured.md").display()))?)
+}
+
+/// A row, as JSON.
+#[derive(Debug, Serialize)]
+struct Listed<'a> {
+    group: &'a str,
+    id: &'a str,
+    what: &'a str,
+}
+
+impl<'a> Listed<'a> {
+    fn new(group: &'a str, id: &'a str, what: &'a str) -> Self {
+        Self { group, id, what }
+    }
 }
 
 fn list(plan: &Plan) -> String {

@@ -70,6 +70,9 @@ impl RunArgs {
 }
 
 pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
+    if args.laser.topic().is_some() {
+        return of_topic(args);
+    }
     let laser = args.laser.live().map_err(Failure::Start)?;
     let plan = args.mapping.plan("run", laser.address.to_string())?.with_bag(args.bag());
     args.remove_old_runs().map_err(Failure::Start)?;
@@ -78,4 +81,17 @@ pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
     let sayer = plan.sayer();
     let scans = Scans::live(laser, plan.stop, sayer);
     plan.map(scans, || Ok(folder))
+}
+
+/// A topic has no bytes of a laser: its scans are recorded as such, if that is asked for.
+fn of_topic(args: &RunArgs) -> Result<(), Failure> {
+    if args.mapping.resumes() {
+        return Err(Failure::Start(anyhow::anyhow!("--resume goes on in a recording of a laser: a topic has none")));
+    }
+    let bag = args.record.as_deref().map(RunBag::at).transpose().map_err(Failure::Start)?;
+    let plan = args.mapping.plan("run", args.laser.name())?.with_bag(bag).of_ros2();
+    let scans = args.laser.scans(plan.config.log_options().range_max_m, plan.stop, plan.sayer())?;
+    args.remove_old_runs().map_err(Failure::Start)?;
+    let config = plan.config;
+    plan.map(scans, || args.mapping.folder(STEM, &config))
 }

@@ -37,6 +37,8 @@ mod page_pictures;
 mod page_sights;
 #[cfg(feature = "monitor")]
 mod page_watch;
+#[cfg(feature = "ros2")]
+mod ros2;
 #[cfg(feature = "tui")]
 mod terminal;
 #[cfg(feature = "monitor")]

@@ -12,7 +12,7 @@ use crate::mapping::LowLevel;
 use crate::mapping::high::HighSlam;
 use crate::mapping::saved_map::{self, SavedMap};
 use crate::maps::io::{PGM_SIDE_MAX, write_map};
-use crate::maps::occupancy::OccupancyMap;
+use crate::maps::occupancy::{OccupancyMap, Raster};
 use crate::maps::picture::{PictureNotes, write_picture};
 use crate::output::{cannot_write, save_json};
 use crate::program::Program;
@@ -69,6 +69,11 @@ impl<L: LowLevel> Run<'_, L> {
         let report = self.report(about, quality);
         save_json(&folder.join("run.json"), &report)?;
         Ok(report)
+    }
+
+    /// The map as it is now, as `map.pgm` has it; `None` without a known cell. Costs as much as drawing it.
+    pub fn raster(&self) -> Option<Raster> {
+        self.drawn(&self.trajectory()).raster(PGM_SIDE_MAX)
     }
 
     /// All that is needed to draw the map again.

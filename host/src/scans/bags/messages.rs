@@ -38,8 +38,10 @@ fn fault(message: &Message, expected: &str, found: impl ToString) -> FieldFault 
     FieldFault { field, expected: expected.to_owned(), found: found.to_string() }
 }
 
+/// A scan out of its message.
+///
 /// * `number` — of the message in the bag
-pub(super) fn scan(number: u64, message: &Message) -> Result<BagScan, FieldFault> {
+pub(crate) fn scan(number: u64, message: &Message) -> Result<BagScan, FieldFault> {
     if message.channel.schema == FOXGLOVE_SCAN {
         return foxglove_scan(number, message);
     }

@@ -30,6 +30,7 @@ use crate::pose_f64::PoseF64;
 use crate::scans::mcap::{self, Channel};
 
 pub use self::container::{BagKind, bag_kind};
+pub(crate) use self::messages::scan as scan_of;
 
 /// A scan as a bag has it.
 #[derive(Debug, Clone, PartialEq)]

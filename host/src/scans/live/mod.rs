@@ -26,7 +26,7 @@ use queue::Queue;
 use replay::{Going, replay, sum};
 use words::Words;
 
-pub use stream::{ScanStream, taken};
+pub use stream::{Fetch, ScanStream, taken};
 
 /// How soon it is noticed that the user wants an end.
 pub(crate) const NOTICED_AFTER: Duration = Duration::from_millis(50);

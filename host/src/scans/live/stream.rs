@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 
 use lrfslam_core::scan::RangeScan;
 
-use super::{Item, NOTICED_AFTER, Say, ScanSource, SourceReport, for_each_scan};
+use super::{Item, NOTICED_AFTER, Say, ScanSource, SourceReport, Take, for_each_scan};
 use crate::scans::log::LogScan;
 
 /// The scans of a laser or a recording; a thread of its own fetches them when the first one is wanted, and says what else there is to say.
@@ -19,8 +19,11 @@ pub struct ScanStream {
     enough: Arc<AtomicBool>,
 }
 
+/// Gives every scan of a source, and what else it has to say, to what takes them, until the flag is set or nothing more is taken.
+pub type Fetch = Box<dyn FnOnce(&AtomicBool, &mut Take<'_>) -> anyhow::Result<SourceReport> + Send>;
+
 enum State {
-    New(ScanSource, Say),
+    New(Fetch, Say),
     Running(Receiver<LogScan>, JoinHandle<anyhow::Result<SourceReport>>),
     Ended,
 }
@@ -28,7 +31,12 @@ enum State {
 impl ScanStream {
     /// * `stop` — ends it early; what was fetched until then is still handed out
     pub fn new(source: ScanSource, stop: &'static AtomicBool, say: Say) -> Self {
-        Self { state: State::New(source, say), stop, enough: Arc::default() }
+        Self::of(Box::new(move |enough, take| for_each_scan(&source, enough, take)), stop, say)
+    }
+
+    /// The same of a source of another kind.
+    pub fn of(fetch: Fetch, stop: &'static AtomicBool, say: Say) -> Self {
+        Self { state: State::New(fetch, say), stop, enough: Arc::default() }
     }
 
     /// How it ended, with nothing more wanted; told once, and only of what has begun.
@@ -48,7 +56,7 @@ impl ScanStream {
         let (sender, scans) = sync_channel(0);
         if let State::New(source, say) = std::mem::replace(&mut self.state, State::Ended) {
             let enough = self.enough.clone();
-            let thread = std::thread::spawn(move || fetch(&source, &enough, &sender, say));
+            let thread = std::thread::spawn(move || fetch(source, &enough, &sender, say));
             self.state = State::Running(scans, thread);
         }
     }
@@ -83,13 +91,13 @@ impl Drop for ScanStream {
 }
 
 fn fetch(
-    source: &ScanSource,
+    source: Fetch,
     enough: &AtomicBool,
     scans: &SyncSender<LogScan>,
     mut say: Say,
 ) -> anyhow::Result<SourceReport> {
     let mut number = 0;
-    for_each_scan(source, enough, &mut |item| {
+    source(enough, &mut |item| {
         match item {
             Item::Scan(scan) => {
                 number += 1;

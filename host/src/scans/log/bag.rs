@@ -118,7 +118,7 @@ impl LogReader {
     }
 }
 
-fn raw(scan: BagScan) -> RawScan {
+pub(super) fn raw(scan: BagScan) -> RawScan {
     let new = RawScan {
         stamp: Some(scan.stamp),
         odometry_from_robot: scan.odometry_from_robot,

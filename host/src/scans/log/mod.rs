@@ -20,6 +20,7 @@ mod mounting;
 mod range_limit;
 mod raw;
 mod tinyslam;
+mod told;
 mod ydlidar;
 
 use std::collections::{HashSet, VecDeque};
@@ -27,17 +28,18 @@ use std::io::Read;
 use std::path::Path;
 
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::scan::{Beam, Echo, RangeScan};
+use lrfslam_core::scan::{Beam, RangeScan};
 use lrfslam_core::time::{Duration, Instant};
 
 pub use counts::{DamagedLine, LogCounts};
 pub use error::LogError;
 pub use format::LogFormat;
 pub use range_limit::{LimitOrigin, RangeNotes};
+pub use told::ToldScans;
 
 use self::bag::{Source, bag_at};
 use self::mounting::Mounting;
-use self::range_limit::{RangeLimit, TOLERANCE_M};
+use self::range_limit::RangeLimit;
 use self::raw::{Bearings, Content, LineReader, RawScan};
 use crate::input::text::{ByteCount, FieldFault, LINE_BYTES_MAX, Line, LineFault, Lines, fault};
 
@@ -320,7 +322,7 @@ impl LogReader {
         LogScan {
             stamp,
             range_max_m: scan.range_max_m.filter(|_| scan.exact.is_some()).unwrap_or(self.range_limit.range_max_m()),
-            beams: scan.exact.clone().unwrap_or_else(|| self.beams(scan)),
+            beams: scan.beams(self.bearings(scan), self.range_limit.range_max_m()),
             map_from_robot_odometry: scan.odometry_from_robot.map(|pose| pose.to_f32()),
             robot_from_lrf: self.options.robot_from_lrf.or(scan.robot_from_lrf).or(measured),
             line: scan.line,
@@ -334,21 +336,6 @@ impl LogReader {
             Instant::from_micros(micros.saturating_mul(self.counts.scans as i64))
         })
     }
-
-    fn beams(&self, scan: &RawScan) -> Vec<Beam> {
-        let (bearings, range_max_m) = (self.bearings(scan), self.range_limit.range_max_m());
-        let beam = |(index, &range_m): (usize, &f32)| Beam {
-            bearing_rad: bearings.of(index),
-            offset: Duration::from_micros(scan.first_offset.micros + scan.beam_interval.micros * index as i64),
-            echo: echo(range_m, range_max_m),
-        };
-        scan.ranges_m.iter().enumerate().map(beam).collect()
-    }
-}
-
-/// A miss from half of the log's finest unit below the maximum on.
-fn echo(range_m: f32, range_max_m: f32) -> Echo {
-    if range_m >= range_max_m - TOLERANCE_M { Echo::Miss } else { Echo::from_range(range_m, range_max_m) }
 }
 
 /// Lets the format's reader have the line; before the format is known, this line may tell it.

@@ -1,9 +1,10 @@
 //! A scan as a log line says it, before the log as a whole gives it its maximum range and mounting.
 
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::scan::Beam;
+use lrfslam_core::scan::{Beam, Echo};
 use lrfslam_core::time::{Duration, Instant};
 
+use super::range_limit::TOLERANCE_M;
 use crate::input::text::{FieldFault, Line, Words, fault};
 use crate::pose_f64::PoseF64;
 
@@ -90,6 +91,21 @@ impl RawScan {
             robot_from_lrf: None,
         }
     }
+
+    /// Its beams, in order of bearing; ranges from `range_max_m` on saw nothing.
+    pub fn beams(&self, bearings: Bearings, range_max_m: f32) -> Vec<Beam> {
+        let beam = |(index, &range_m): (usize, &f32)| Beam {
+            bearing_rad: bearings.of(index),
+            offset: Duration::from_micros(self.first_offset.micros + self.beam_interval.micros * index as i64),
+            echo: echo(range_m, range_max_m),
+        };
+        self.exact.clone().unwrap_or_else(|| self.ranges_m.iter().enumerate().map(beam).collect())
+    }
+}
+
+/// A miss from half of the log's finest unit below the maximum on.
+fn echo(range_m: f32, range_max_m: f32) -> Echo {
+    if range_m >= range_max_m - TOLERANCE_M { Echo::Miss } else { Echo::from_range(range_m, range_max_m) }
 }
 
 /// What a line turned out to be.
