@@ -2,6 +2,7 @@
 
 use super::*;
 use flate2::{Compression, write::GzEncoder};
+use lrfslam_core::scan::Echo;
 use proptest::prelude::*;
 use std::io::{Cursor, Write};
 
