@@ -1,6 +1,8 @@
-//! What holds the house together and no compiler checks: directions between folders, sizes of files, links between pages, length of sentences.
+//! What holds the house together and no compiler checks: directions between folders, sizes of files, links between pages, length
+//! of sentences, licences.
 
 mod circles;
+mod licences;
 mod links;
 mod sentences;
 mod sizes;
