@@ -11,7 +11,7 @@ use super::Failure;
 use super::cloud_summary::{log_summary, stops_summary};
 use super::map::stem;
 use super::out::OutArgs;
-use super::shared::{ConfigArgs, SeedArgs, TellArgs};
+use super::shared::{ConfigArgs, SeedArgs, TellArgs, within};
 use lrfslam_host::maps::cloud::{
     Cloud, CloudCounts, CloudLook, EdgeFilter, Paint, PlaneConfig, Projection, RegisterConfig, StopReport,
     TiltMounting, Track, judge_stops, planar, read_stops, read_tilt, thin, write_cloud,
@@ -41,7 +41,7 @@ pub(super) struct CloudArgs {
     #[arg(long, value_enum, default_value_t = Poses::Matched)]
     poses: Poses,
     /// One point is kept for each cube of this side, m; 0 keeps all.
-    #[arg(long, value_name = "METRES", default_value_t = 0.02, value_parser = metres)]
+    #[arg(long, value_name = "METRES", default_value_t = 0.02, value_parser = not_negative)]
     voxel: f64,
     /// Keep the points in free air that a laser reports at edges.
     #[arg(long)]
@@ -73,7 +73,7 @@ pub(super) struct TiltArgs {
     #[arg(long, value_name = "METRES", default_value_t = 0.0, allow_hyphen_values = true, value_parser = metres)]
     mirror_above: f64,
     /// Nothing is placed between poses or readings farther apart than this, s.
-    #[arg(long, value_name = "SECONDS", default_value_t = 1.0, value_parser = metres)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 1.0, value_parser = not_negative)]
     gap: f64,
     #[command(flatten)]
     config: ConfigArgs,
@@ -134,8 +134,11 @@ enum Poses {
 }
 
 fn metres(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|n: &f64| n.abs() <= 1000.0);
-    number.ok_or_else(|| "expected a number from -1000 to 1000".to_owned())
+    within(text, -1000.0, 1000.0)
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    within(text, 0.0, 1000.0)
 }
 
 /// What `cloud.json` says.

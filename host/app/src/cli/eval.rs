@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use lrfslam_core::time::Duration;
 
-use super::shared::{JsonArgs, RELATIONS, TRUTH};
+use super::shared::{JsonArgs, RELATIONS, TRUTH, within};
 use super::{Failure, print};
 use lrfslam_host::runs::scans::read_scans;
 use lrfslam_host::scans::log::LogOptions;
@@ -56,11 +56,6 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 fn metres(text: &str) -> Result<f64, String> {
     within(text, 0.001, 1e6)
-}
-
-fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|n| (low..=high).contains(n));
-    number.ok_or_else(|| format!("expected a number from {low} to {high}"))
 }
 
 pub(super) fn run(args: &EvalArgs) -> Result<(), Failure> {

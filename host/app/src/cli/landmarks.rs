@@ -193,7 +193,7 @@ impl DriveArgs {
             let parsed = parsed.and_then(|mut table| table.remove("value"));
             table.insert(key.to_owned(), parsed.unwrap_or_else(|| toml::Value::String(value.to_owned())));
         }
-        Ok(table.try_into()?)
+        table.try_into().with_context(|| format!("--set {}", self.set.join(" --set ")))
     }
 
     fn table(&self, drive: &Drive, config: &LandmarkConfig, filter: Filter, seeds: u64) -> Result<(), Failure> {

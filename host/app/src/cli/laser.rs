@@ -11,7 +11,7 @@ use clap::{Arg, Args, Command};
 use lrfslam_lrf::sick_lms::Variant;
 
 use super::ros2::topic;
-use super::shared::{LRF, PORT, SECONDS};
+use super::shared::{LRF, PORT, SECONDS, seconds, within};
 use super::{Failure, ros2_node};
 use crate::held;
 use lrfslam_host::runs::scans::Scans;
@@ -82,7 +82,7 @@ pub(super) struct LaserArgs {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=99))]
     cluster: u8,
     /// Known delay of the link, subtracted from every time stamp, milliseconds.
-    #[arg(long, value_name = "MS", default_value_t = 0.0)]
+    #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = milliseconds)]
     latency: f64,
     /// Wait as long as it takes for what is to be at the port.
     ///
@@ -99,7 +99,7 @@ pub(super) struct EndArgs {
     /// End after so many scans.
     #[arg(long, value_name = "N")]
     scans: Option<usize>,
-    #[arg(long, value_name = "S", help = SECONDS)]
+    #[arg(long, value_name = "S", help = SECONDS, value_parser = seconds)]
     seconds: Option<f64>,
 }
 
@@ -118,6 +118,10 @@ impl EndArgs {
     pub(super) fn is_reached(self, scans: usize, seconds: f64) -> bool {
         self.scans.is_some_and(|enough| scans >= enough) || self.seconds.is_some_and(|enough| seconds >= enough)
     }
+}
+
+fn milliseconds(text: &str) -> Result<f64, String> {
+    within(text, 0.0, 10_000.0)
 }
 
 pub(super) fn parse_baud(text: &str) -> Result<u32, String> {

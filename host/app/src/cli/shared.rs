@@ -38,6 +38,17 @@ pub(super) const RECORD: &str = "Record to this file: a name that ends in .mcap 
 /// Help of `--seconds`.
 pub(super) const SECONDS: &str = "End after so many seconds of scans";
 
+/// A number within bounds: neither NaN nor infinite.
+pub(super) fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n| (low..=high).contains(n));
+    number.ok_or_else(|| format!("expected a number from {low} to {high}"))
+}
+
+/// Seconds that a run may last: 30 years.
+pub(super) fn seconds(text: &str) -> Result<f64, String> {
+    within(text, 0.0, 1e9)
+}
+
 /// Help of `--start`.
 pub(super) const START: &str = "Where the robot starts in the map: x and y in metres and degrees, or \"end\", where it was last when the map was \
      made [default: it finds itself]";

@@ -1,84 +1,23 @@
-//! A table of bad inputs across every command, and what each got: an end within seconds, an exit code that says so, and words; never a panic.
-//!
-//! The table is written to `target/bad-inputs.md`.
+//! A table of bad inputs across every command and both links, and what each got: an end within seconds, an exit code that says so, and words that
+//! name the option or the file; never a panic. The table is `docs/reference/bad-inputs.md`. Where words change,
+//! `LRFSLAM_RENEW_GOLDEN=1 cargo test -p lrfslam --all-features --test cli bad_table` writes it anew.
+
+mod rows;
 
 use std::fmt::Write as _;
 use std::fs;
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use crate::common::{flaser, lrfslam, run};
+use rows::{LINES, LINKS, NUMBERS, OPTIONS, PEERS, PORTS, READERS};
 
-/// Numbers that an option does not take; some take the one or the other.
-const NUMBERS: [&str; 7] = ["nan", "-inf", "-1", "1e308", "abc", "", "99999999999999999999"];
-
-/// Commands with an option that wants a number, and the option.
-const OPTIONS: [(&str, &str); 17] = [
-    ("map ok.log --matcher-only --scans 3", "--seed"),
-    ("map ok.log --matcher-only", "--scans"),
-    ("map ok.log --matcher-only --scans 3", "--save-every"),
-    ("map ok.log --scans 3", "--particles"),
-    ("map ok.log --scans 3", "--levels"),
-    ("map ok.log --scans 3", "--threads"),
-    ("map ok.log --continue map", "--start"),
-    ("localize ok.log --map map", "--start"),
-    ("replay ok.rec --fast", "--seed"),
-    ("run --lrf hokuyo --port none", "--record-max"),
-    ("run --lrf hokuyo --port none", "--baud"),
-    ("run --lrf hokuyo --port none", "--cluster"),
-    ("attach --lrf hokuyo --port none", "--lrf-baud"),
-    ("attach --lrf hokuyo --port none", "--cluster"),
-    ("attach --lrf hokuyo --port none", "--link-baud"),
-    ("eval ok.tum --truth ok.tum", "--tolerance"),
-    ("eval ok.tum --truth ok.tum", "--stretch"),
-];
-
-/// Commands that read a file, whose place is `{}`.
-const READERS: [&str; 10] = [
-    "map {}",
-    "map ok.log --config {}",
-    "map ok.log --continue {}",
-    "replay {} --fast",
-    "localize {} --map map",
-    "localize ok.log --map {}",
-    "eval {} --truth ok.tum",
-    "eval ok.tum --truth {}",
-    "doctor {}",
-    "cloud {} --trajectory ok.tum --tilt tilt.txt",
-];
-
-/// Further lines, each wrong in its own way.
-const LINES: [&str; 28] = [
-    "",
-    "nonsense",
-    "map",
-    "map ok.log extra",
-    "map ok.log --no-such-flag",
-    "map ok.log --set ndt.noise_m=nan",
-    "map ok.log --set ndt.noise_m=1e308",
-    "map ok.log --set ndt.noise_m",
-    "map ok.log --set no.such=1",
-    "map ok.log --set map.cell_size_m=0",
-    "map ok.log --set map.draw_range_m=-1",
-    "map ok.log --set map.draw_range_m=1000 --set map.cell_size_m=0.005",
-    "map ok.log --out /dev/null",
-    "map ok.log --out ok.log",
-    "map ok.log --out /proc/nowhere",
-    "map ok.log --resume",
-    "map ok.log --resume --out nowhere",
-    "map ok.log --resume --overwrite --out map",
-    "map ok.log --start 0,0,0",
-    "run --lrf hokuyo",
-    "run --port none",
-    "run --lrf nonsense --port none",
-    "run --lrf sick-lms2xx --port tcp:127.0.0.1:1",
-    "run --lrf hokuyo --port none --record /dev/null",
-    "run --lrf hokuyo --port none --record map",
-    "attach --port none",
-    "attach --lrf hokuyo --port none --resume --out map",
-    "attach --lrf hokuyo --port none --resume --restart --out map",
-];
+const PAGE: &str = "# Bad inputs\n\nWhat `lrfslam` makes of input that is wrong: the command, its exit code, and what it says first. A test runs every line of \
+this page, and compares.\nFiles named `ok` are what they should be. The others are cut, flipped, empty, noise, or of another kind; `.d` is a folder with such a file in it. \
+[Exit codes](commands.md#exit-codes) are those of every command.\n";
 
 /// What is in a file that is wrong, and its name.
 fn bad_files(folder: &Path) -> Vec<String> {
@@ -114,7 +53,7 @@ fn bad_files(folder: &Path) -> Vec<String> {
         [name.to_owned(), format!("{name}.d")]
     };
     let mut names: Vec<String> = files.into_iter().flat_map(name).collect();
-    names.extend(["nowhere".to_owned(), "/dev/null".to_owned(), "map".to_owned()]);
+    names.extend(["nowhere", "/dev/null", "map"].map(str::to_owned));
     names
 }
 
@@ -152,42 +91,167 @@ fn got(folder: &Path, words: &[&str]) -> (i32, String) {
     (code, said)
 }
 
+/// The words of a command line.
+fn split(line: &str) -> Vec<String> {
+    line.split_whitespace().map(str::to_owned).collect()
+}
+
+/// A command line, and a word that must be in what it says.
+type Row = (Vec<String>, String);
+
+/// The sections of the table that need no link.
+fn sections(folder: &Path) -> Vec<(&'static str, Vec<Row>)> {
+    let options = OPTIONS.iter().flat_map(|(command, option)| {
+        NUMBERS.map(|number| ([split(command), vec![format!("{option}={number}")]].concat(), (*option).to_owned()))
+    });
+    let files = bad_files(folder).into_iter().flat_map(|file| {
+        // The map itself is no bad one.
+        let readers =
+            READERS.iter().filter(|line| file != "map" || !line.contains("--continue") && !line.contains("--map"));
+        let lines: Vec<Row> = readers.map(|line| (split(&line.replace("{}", &file)), file.clone())).collect();
+        lines
+    });
+    let lines = LINES.iter().map(|line| (split(line), String::new()));
+    vec![("Lines", lines.collect()), ("Numbers", options.collect()), ("Files", files.collect())]
+}
+
+/// What a command says, up to the first empty line, on one line; free memory is another on every computer.
+fn first_words(said: &str) -> String {
+    let paragraph = said.trim_start().split("\n\n").next().unwrap_or_default();
+    let mut words: Vec<&str> = paragraph.split_whitespace().collect();
+    for at in 1..words.len() {
+        if words[at..].starts_with(&["GB", "are"]) {
+            words[at - 1] = "…";
+        }
+    }
+    let text = words.join(" ").replace('|', "/").replace('`', "'");
+    let short: String = text.chars().take(180).collect();
+    if short.len() < text.len() { short + "…" } else { short }
+}
+
+/// Runs a line, with a place for its results if it takes one: exit code and all that it said.
+fn tried(folder: &Path, words: &[String]) -> (i32, String) {
+    let _ = fs::remove_dir_all(folder.join("out"));
+    let _ = fs::remove_file(folder.join("made.toml"));
+    let mut all: Vec<&str> = words.iter().map(String::as_str).collect();
+    let command = all.first().copied().unwrap_or_default();
+    let has = |name: &str| words.iter().any(|word| word.starts_with(name));
+    if ["map", "replay", "localize", "cloud", "demo"].contains(&command) && !has("--out")
+        || command == "landmarks" && has("--data") && !has("--out") && !has("--seeds")
+    {
+        all.extend(["--out", "out"]);
+    }
+    if command == "calibrate" && all.len() > 1 && !has("--out") {
+        all.extend(["--out", "made.toml"]);
+    }
+    got(folder, &all)
+}
+
+/// Serves every connection as this kind of peer does: its port.
+fn peer(kind: &'static str) -> u16 {
+    let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
+    let port = listener.local_addr().unwrap().port();
+    let serve = move |mut line: TcpStream| -> std::io::Result<()> {
+        let noise: Vec<u8> = (0..4096_u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 21) as u8).collect();
+        match kind {
+            "closes" => return Ok(()),
+            "sends zeros" => (0..2000).try_for_each(|_| paced(&mut line, &[0; 4096])),
+            "sends noise" => (0..2000).try_for_each(|_| paced(&mut line, &noise)),
+            "speaks HTTP" => line.write_all(b"HTTP/1.1 400 Bad Request\r\nConnection: close\r\n\r\n"),
+            _ => Ok(()),
+        }?;
+        while line.read(&mut [0; 4096])? > 0 {}
+        Ok(())
+    };
+    std::thread::spawn(move || {
+        for line in listener.incoming().map_while(Result::ok) {
+            std::thread::spawn(move || serve(line));
+        }
+    });
+    port
+}
+
+/// 400 kB a second: more than any laser sends.
+fn paced(line: &mut TcpStream, bytes: &[u8]) -> std::io::Result<()> {
+    std::thread::sleep(Duration::from_millis(10));
+    line.write_all(bytes)
+}
+
+/// Lines with a link, all at once, since each waits for ten seconds: the line as it is shown, and its exit code.
+fn links(folder: &Path) -> Vec<(String, i32)> {
+    let peers = LINKS.iter().flat_map(|line| PEERS.map(|kind| (line, format!("tcp:127.0.0.1:{}", peer(kind)), kind)));
+    let mut lines: Vec<(String, String, String)> = peers
+        .map(|(line, port, kind)| {
+            (line.replace("{}", &port), format!("{} (which {kind})", line.replace("{}", "tcp:…")), port)
+        })
+        .collect();
+    lines.extend(PORTS.map(|line| (line.to_owned(), line.to_owned(), String::new())));
+    let run = |at: usize, line: &str, port: &str| {
+        let own = folder.join(format!("link-{at}"));
+        fs::create_dir(&own).unwrap();
+        fs::copy(folder.join("ok.log"), own.join("ok.log")).unwrap();
+        let words = split(line);
+        let (code, said) = got(&own, &words.iter().map(String::as_str).collect::<Vec<_>>());
+        assert!(said.contains(port), "{line}: {code} {said}");
+        code
+    };
+    std::thread::scope(|scope| {
+        let started: Vec<_> = lines
+            .iter()
+            .enumerate()
+            .map(|(at, (line, shown, port))| (shown, scope.spawn(move || run(at, line, port))))
+            .collect();
+        started.into_iter().map(|(shown, line)| (shown.clone(), line.join().expect("no panic"))).collect()
+    })
+}
+
 #[test]
 fn bad_inputs_across_every_command_get_an_answer() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     prepare(folder);
-    let split = |line: &str| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
-    let mut lines: Vec<Vec<String>> = LINES.iter().map(|line| split(line)).collect();
-    for (command, option) in OPTIONS {
-        let with = |number: &&str| [split(command), vec![format!("{option}={number}")]].concat();
-        lines.extend(NUMBERS.iter().map(with));
-    }
-    for file in bad_files(folder) {
-        lines.extend(READERS.iter().map(|line| split(&line.replace("{}", &file))));
-    }
-    let mut table = "| command | exit code | what it said first |\n| --- | --- | --- |\n".to_owned();
-    let mut fine = Vec::new();
-    for words in &lines {
-        let _ = fs::remove_dir_all(folder.join("out"));
-        let needs_out = ["map", "replay", "localize", "cloud"].contains(&words.first().map_or("", String::as_str))
-            && !words.iter().any(|word| word == "--out");
-        let mut all: Vec<&str> = words.iter().map(String::as_str).collect();
-        if needs_out {
-            all.extend(["--out", "out"]);
-        }
-        let (code, said) = got(folder, &all);
-        let first = said.lines().next().unwrap_or_default().replace('|', "/");
-        writeln!(table, "| `{}` | {code} | {first} |", words.join(" ")).unwrap();
-        if code == 0 {
-            fine.push(words.join(" "));
-        } else {
+    let mut page = PAGE.to_owned();
+    let (mut count, mut fine, mut unnamed) = (0, Vec::new(), Vec::new());
+    for (title, rows) in sections(folder) {
+        write!(page, "\n## {title}\n\n| command | exit code | what it says first |\n| --- | --- | --- |\n").unwrap();
+        for (words, named) in rows {
+            let (code, said) = tried(folder, &words);
+            writeln!(page, "| `{}` | {code} | {} |", words.join(" "), first_words(&said)).unwrap();
+            count += 1;
+            if code == 0 {
+                fine.push(words.join(" "));
+                continue;
+            }
             assert!([1, 2, 3].contains(&code) && !said.is_empty(), "{words:?}: {code} {said}");
+            // `calibrate` tells of two files together.
+            if code != 3 && words.first().is_none_or(|command| command != "calibrate") && !said.contains(&named) {
+                unnamed.push(format!("{words:?} does not name {named}: {said}"));
+            }
         }
     }
-    let place = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/bad-inputs.md");
-    fs::write(place, &table).unwrap();
-    assert!(lines.len() >= 200, "{}", lines.len());
-    println!("{} bad inputs; {} of them did no harm:\n{}", lines.len(), fine.len(), fine.join("\n"));
-    assert!(fine.len() < lines.len() / 8, "{fine:#?}");
+    page += "\n## Links\n\nEach ends by itself, and names its port.\n\n| command | exit code |\n| --- | --- |\n";
+    for (line, code) in links(folder) {
+        assert_eq!(code, 1, "{line}");
+        writeln!(page, "| `{line}` | {code} |").unwrap();
+        count += 1;
+    }
+    assert!(unnamed.is_empty(), "{unnamed:#?}");
+    println!("{count} bad inputs; {} of them did no harm:\n{}", fine.len(), fine.join("\n"));
+    assert!(count >= 400 && fine.len() < count / 10, "{count}: {fine:#?}");
+    compare(&page);
+}
+
+/// With the page as it is kept; what few builds lack has other rows.
+fn compare(page: &str) {
+    if !cfg!(all(feature = "demo", feature = "experiments", feature = "monitor")) {
+        println!("skipped: docs/reference/bad-inputs.md is compared with all features only");
+        return;
+    }
+    let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/bad-inputs.md");
+    if std::env::var_os("LRFSLAM_RENEW_GOLDEN").is_some() {
+        fs::write(&kept, page).unwrap();
+    }
+    let kept = fs::read_to_string(kept).unwrap_or_default();
+    let other: Vec<&str> = page.lines().filter(|line| !kept.lines().any(|kept| kept == *line)).collect();
+    assert!(page == kept, "not in docs/reference/bad-inputs.md (LRFSLAM_RENEW_GOLDEN=1 writes it): {other:#?}");
 }

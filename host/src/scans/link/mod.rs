@@ -70,7 +70,12 @@ impl FromStr for Address {
         }
         match text.strip_prefix("tcp:") {
             Some("") => Err("expected tcp:HOST or tcp:HOST:PORT".to_owned()),
-            Some(host) if host.contains(':') => Ok(Address::Tcp(host.to_owned())),
+            Some(host) if host.contains(':') => {
+                let port = host.rsplit_once(':').filter(|(name, _)| !name.is_empty());
+                let port = port.and_then(|(_, port)| port.parse::<u16>().ok()).filter(|port| *port > 0);
+                let expected = || "expected tcp:HOST or tcp:HOST:PORT, the port from 1 to 65535".to_owned();
+                port.map(|_| Address::Tcp(host.to_owned())).ok_or_else(expected)
+            }
             Some(host) => Ok(Address::Tcp(format!("{host}:{HOKUYO_TCP_PORT}"))),
             None if text.is_empty() => Err("expected a serial port, tcp:HOST or udp:HOST:PORT".to_owned()),
             None => Ok(Address::Serial(text.to_owned())),
@@ -118,7 +123,18 @@ mod tests {
         assert_eq!("tcp:lrf:99".parse(), Ok(Address::Tcp("lrf:99".into())));
         assert_eq!("udp:esp:99".parse(), Ok(Address::Udp("esp:99".into())));
         assert_eq!("udp::99".parse(), Ok(Address::Udp(":99".into())));
-        for wrong in ["tcp:", "", "udp:", "udp:esp", "udp::port", "udp:esp:70000"] {
+        for wrong in [
+            "tcp:",
+            "tcp:lrf:",
+            "tcp::99",
+            "tcp:lrf:0",
+            "tcp:lrf:99999",
+            "",
+            "udp:",
+            "udp:esp",
+            "udp::port",
+            "udp:esp:70000",
+        ] {
             assert!(wrong.parse::<Address>().is_err(), "{wrong}");
         }
     }

@@ -19,7 +19,7 @@ use clap::{Args, ValueEnum};
 pub(super) use self::show::run;
 use super::monitor::MonitorArgs;
 use super::out::OutArgs;
-use super::shared::{ConfigArgs, LRF, SECONDS, SeedArgs, TellArgs};
+use super::shared::{ConfigArgs, LRF, SECONDS, SeedArgs, TellArgs, seconds};
 
 /// Show everything at once: a simulated robot drives, and its laser is mapped live.
 ///
@@ -37,7 +37,7 @@ pub struct DemoArgs {
     /// Where: demo, office, floor, corridor, loop, a world file, or the YAML of a ROS map.
     #[arg(long, value_name = "NAME|FILE", default_value = "demo")]
     pub world: String,
-    #[arg(long, value_name = "S", help = SECONDS)]
+    #[arg(long, value_name = "S", help = SECONDS, value_parser = seconds)]
     /// When the drive ends.
     pub seconds: Option<f64>,
     /// The configuration of the mapping.
