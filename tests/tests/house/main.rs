@@ -1,9 +1,10 @@
 //! What holds the house together and no compiler checks: directions between folders, sizes of files, links between pages, length
-//! of sentences, licences.
+//! of sentences, licences, panics of the image.
 
 mod circles;
 mod licences;
 mod links;
+mod panics;
 mod sentences;
 mod sizes;
 

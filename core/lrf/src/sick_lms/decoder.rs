@@ -139,9 +139,11 @@ impl<'a> TelegramDecoder<'a> {
     }
 
     fn drop_front(&mut self, count: usize) {
-        let count = count.min(self.len);
-        self.buffer.copy_within(count..self.len, 0);
-        self.len -= count;
+        if let Some(held) = self.buffer.get_mut(..self.len) {
+            let count = count.min(held.len());
+            held.copy_within(count.., 0);
+            self.len -= count;
+        }
     }
 
     /// Appends what fits and is needed; the telegram's own length bounds it, so that nothing behind it is read early.

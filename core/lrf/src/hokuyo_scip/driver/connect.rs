@@ -177,7 +177,11 @@ impl Dialogue<'_> {
         for line in reply.info() {
             match line.key {
                 "STAT" => self.base.identity.state = cut(line.value),
-                "SBPS" => self.is_usb = line.value.contains("USB") || says_slower(line.value, self.base.baud),
+                // Not by `str::contains`: panics that nothing reaches come with it into a microcontroller's image.
+                "SBPS" => {
+                    self.is_usb = line.value.as_bytes().windows(3).any(|text| text == b"USB")
+                        || says_slower(line.value, self.base.baud)
+                }
                 _ => {}
             }
         }
