@@ -1,8 +1,10 @@
 //! What the tests of the program share: the program itself, and the real logs where they are.
 #![allow(dead_code, reason = "not every binary uses all of it")]
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::{Arc, Mutex, OnceLock};
 
 /// The built program, in `folder`, with `args`.
 pub fn lrfslam(folder: &Path, args: &[&str]) -> Command {
@@ -29,6 +31,21 @@ pub fn real_data(name: &str) -> Option<PathBuf> {
         return None;
     }
     Some(file)
+}
+
+/// The results of `lrfslam map` with a real log, all as it is without being asked; mapped once for all tests that look at it.
+pub fn mapped(name: &str) -> Option<PathBuf> {
+    static MAPPED: Mutex<BTreeMap<String, Arc<OnceLock<PathBuf>>>> = Mutex::new(BTreeMap::new());
+    let log = real_data(name)?;
+    let place = MAPPED.lock().unwrap().entry(name.to_owned()).or_default().clone();
+    let results = place.get_or_init(|| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+        let out = folder.join(name.replace('/', "-"));
+        let words = ["map", log.to_str().unwrap(), "--overwrite", "--quiet", "--out", out.to_str().unwrap()];
+        assert_eq!(run(folder, &words), (0, String::new(), String::new()));
+        out
+    });
+    Some(results.clone())
 }
 
 /// A FLASER line of `count` beams at time `i` s, the robot driving forward, walls 3 m around.
