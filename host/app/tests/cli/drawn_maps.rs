@@ -43,6 +43,23 @@ fn figures(log: &Path, set: &[&str]) -> Figures {
     judge(log, &folder.path().join("out"))
 }
 
+fn centre_of(map: &ServedMap, index: usize) -> Point2 {
+    let at = |origin: f64, cell: usize| (origin + (cell as f64 + 0.5) * map.resolution_m) as f32;
+    Point2::new(at(map.origin_m[0], index % map.width), at(map.origin_m[1], index / map.width))
+}
+
+/// Marks the cells of the map that a beam passes; what it passes elsewhere is in none.
+fn mark_passed(map: &ServedMap, passed: &mut [bool], from: Point2, hit: Point2) {
+    let size_m = map.resolution_m as f32;
+    let first = CellIndex::containing(centre_of(map, 0), size_m);
+    for cell in cells_on_ray(from, hit, size_m) {
+        let (column, row) = ((cell.column - first.column) as usize, (cell.row - first.row) as usize);
+        if column < map.width && row < map.height {
+            passed[row * map.width + column] = true;
+        }
+    }
+}
+
 fn judge(log: &Path, out: &Path) -> Figures {
     let map = ServedMap::load(&out.join("map.yaml"));
     let scans = LogReader::open(log, LogOptions::default()).unwrap().map(Result::unwrap).collect();
@@ -51,23 +68,12 @@ fn judge(log: &Path, out: &Path) -> Figures {
     let is = |point: Point2, wanted: Cell| map.at(f64::from(point.x), f64::from(point.y)) == wanted;
     let size_m = map.resolution_m as f32;
     let (mut hits, mut on_walls, mut in_walls) = (0, 0, 0);
-    // By cells of the map: what a beam passes elsewhere is in none.
-    let centre = |index: usize| {
-        let at = |origin: f64, cell: usize| (origin + (cell as f64 + 0.5) * map.resolution_m) as f32;
-        Point2::new(at(map.origin_m[0], index % map.width), at(map.origin_m[1], index / map.width))
-    };
-    let first = CellIndex::containing(centre(0), size_m);
     let mut passed = vec![false; map.cells.len()];
     for (scan, pose) in scans.iter().zip(&path) {
         let map_from_lrf = *pose * scan.robot_from_lrf.unwrap_or_default();
         for hit in scan.beams.iter().filter_map(Point2::of_hit) {
             let hit = map_from_lrf.transform(hit);
-            for cell in cells_on_ray(map_from_lrf.position(), hit, size_m) {
-                let (column, row) = ((cell.column - first.column) as usize, (cell.row - first.row) as usize);
-                if column < map.width && row < map.height {
-                    passed[row * map.width + column] = true;
-                }
-            }
+            mark_passed(&map, &mut passed, map_from_lrf.position(), hit);
             let near =
                 [-1.0, 0.0, 1.0].map(|x| [-1.0, 0.0, 1.0].map(|y| Point2::new(hit.x + x * size_m, hit.y + y * size_m)));
             hits += 1;
@@ -76,7 +82,7 @@ fn judge(log: &Path, out: &Path) -> Figures {
         }
     }
     let alone = (0..map.cells.len()).filter(|index| map.cells[*index] == Cell::Free && !passed[*index]);
-    let alone: Vec<Point2> = alone.map(centre).collect();
+    let alone: Vec<Point2> = alone.map(|index| centre_of(&map, index)).collect();
     let seen = |place: &Point2| {
         let near = path.iter().filter(|pose| (pose.position() - *place).norm() <= 3.2);
         near.clone().any(|pose| {
