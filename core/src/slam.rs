@@ -162,6 +162,18 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
     pub fn restart_at(&mut self, map_from_robot: Pose2) {
         self.odometry.restart_at(map_from_robot);
         self.filter.restart_at(map_from_robot);
+        self.begin_at(map_from_robot);
+    }
+
+    /// The same with the map of `drawn`, of the same configuration, which has been [told](Self::refer_to) it since it was
+    /// [begun anew](Self::restart_at), and gets this one's for it. So a large map can be drawn beside the one in use, bit by bit.
+    pub fn go_on_in(&mut self, drawn: &mut Self, map_from_robot: Pose2) {
+        self.odometry.go_on_in(&mut drawn.odometry, map_from_robot);
+        self.filter.go_on_in(&mut drawn.filter, map_from_robot);
+        self.begin_at(map_from_robot);
+    }
+
+    fn begin_at(&mut self, map_from_robot: Pose2) {
         self.map_from_step = Some(map_from_robot);
         self.map_from_best = map_from_robot;
         self.best = 0;

@@ -28,6 +28,18 @@ impl LaserOdometry<'_> {
         self.map_from_key = map_from_robot;
     }
 
+    /// Puts the robot at `map_from_robot` in the reference of `drawn`, which gets this one's for it. What is known of its motion stays.
+    ///
+    /// * `drawn` — of the same configuration; has been told what to refer to since it was [begun anew](Self::restart_at)
+    pub fn go_on_in(&mut self, drawn: &mut Self, map_from_robot: Pose2) {
+        core::mem::swap(&mut self.ndt, &mut drawn.ndt);
+        core::mem::swap(&mut self.key_points, &mut drawn.key_points);
+        core::mem::swap(&mut self.key_scans, &mut drawn.key_scans);
+        (self.key_count, self.turn) = (drawn.key_count, drawn.turn);
+        self.map_from_robot = map_from_robot;
+        self.map_from_key = map_from_robot;
+    }
+
     /// Extends the reference by a scan that was taken at `map_from_scan`; returns how many points found no room.
     ///
     /// # Errors

@@ -21,6 +21,17 @@ impl<const SIDE: usize> LowSlam<'_, SIDE> {
         }
     }
 
+    /// Gathers all particles at `map_from_robot` in the map of `drawn`, which gets these maps for it.
+    ///
+    /// * `drawn` — of the same configuration; has been told what to refer to since it was [begun anew](Self::restart_at)
+    pub fn go_on_in(&mut self, drawn: &mut Self, map_from_robot: Pose2) {
+        core::mem::swap(&mut self.map, &mut drawn.map);
+        core::mem::swap(&mut self.ancestry, &mut drawn.ancestry);
+        core::mem::swap(&mut self.particles, &mut drawn.particles);
+        core::mem::swap(&mut self.particle_count, &mut drawn.particle_count);
+        self.particles.iter_mut().take(1).for_each(|particle| particle.map_from_robot = map_from_robot);
+    }
+
     /// Prints a scan that was taken at `map_from_scan` into the map that all particles share; only after
     /// [`restart_at`](Self::restart_at), before the next step. Returns the squares left out because the pool of tiles is full.
     ///

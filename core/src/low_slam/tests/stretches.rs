@@ -62,6 +62,13 @@ fn restarted_filter_has_the_map_it_is_given_and_nothing_else() {
     let report = slam.step(&as_sweep(&scan_at(pose, 77)), &biased(end, pose)).unwrap();
     assert_eq!(report.samples, 20);
     assert!(distance(report.map_from_robot, pose) < 0.05, "{report:?}");
+    // Its 20 particles go on in the map of the other one, which was told the same scans.
+    let (expected, tiles) = (seen(&other, 0), other.map().tiles_used());
+    slam.go_on_in(&mut other, end);
+    assert_eq!((slam.particles().len(), slam.particles()[0].map_from_robot), (1, end));
+    assert_eq!((seen(&slam, 0), slam.map().tiles_used()), (expected, tiles));
+    let report = slam.step(&as_sweep(&scan_at(pose, 78)), &biased(end, pose)).unwrap();
+    assert!(report.samples == 20 && distance(report.map_from_robot, pose) < 0.05, "{report:?}");
 }
 
 /// Particles that are not moved apart: a stretch prints what its scans print one by one, and moves them to its end.
