@@ -51,6 +51,7 @@ impl MappingConfig {
     pub fn mapper_memory(&self, threads: usize) -> MapperMemory {
         match self.hierarchy.levels {
             0 => MapperMemory::of_matching(&self.slam, &self.memory),
+            2 if self.high.feedback => MapperMemory::of_two_maps(&self.slam, &self.memory, threads),
             _ => MapperMemory::of_particles(&self.slam, &self.memory, threads),
         }
     }

@@ -14,6 +14,22 @@ pub trait LowLevel {
     /// # Errors
     /// If a scan has more points or beams than there is memory for.
     fn correct(&mut self, correction: &Correction, scans: &ScanStore) -> anyhow::Result<Pose2>;
+    /// The same without delaying the next scan: `None` while the map is not drawn yet, until when it goes on in its old one.
+    ///
+    /// # Errors
+    /// As [`correct`](Self::correct).
+    fn begin_correction(&mut self, correction: &Correction, scans: &ScanStore) -> anyhow::Result<Option<Pose2>> {
+        self.correct(correction, scans).map(Some)
+    }
+    /// Goes on with a [correction that was begun](Self::begin_correction), once after every scan; `Some` when it has taken it.
+    ///
+    /// * `newest` — place of that scan among `scans`, if it is there
+    ///
+    /// # Errors
+    /// As [`correct`](Self::correct).
+    fn go_on_correcting(&mut self, _newest: Option<u32>, _scans: &ScanStore) -> anyhow::Result<Option<Pose2>> {
+        Ok(None)
+    }
     /// Poses of the best particle at every step that the filter took; empty for matching alone.
     fn path(&self) -> Vec<Pose2>;
     /// True if particles correct what matching finds.

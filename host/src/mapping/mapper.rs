@@ -1,11 +1,13 @@
 //! The seam between a stream of scans and the SLAM: scans in, poses of the robot out.
 
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::laser_odometry::LaserOdometry;
+use lrfslam_core::laser_odometry::{LaserOdometry, OdometryReport};
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::slam::{ScanCapacityError, Slam, SlamConfig, SlamMemory, SlamMemoryError, StepReport};
+use lrfslam_core::time::{Duration, Instant};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
+use super::drawing::Beside;
 use super::memory::{MapperMemory, SIDE, WindowSlots};
 use super::threads::weigh_on_threads;
 use super::{Correction, LowLevel, MatchCounts};
@@ -17,7 +19,19 @@ use crate::scans::store::ScanStore;
 pub struct Mapper<'m> {
     engine: Engine<'m>,
     last_odometry: Option<Pose2>,
+    newest: Newest,
     counts: MatchCounts,
+}
+
+/// The latest scan.
+#[derive(Debug, Clone, Copy, Default)]
+struct Newest {
+    stamp: Option<Instant>,
+    /// Since the one before.
+    interval: Duration,
+    map_from_robot: Pose2,
+    /// It went into what scans are matched against.
+    is_key: bool,
 }
 
 #[derive(Debug)]
@@ -31,6 +45,8 @@ enum Engine<'m> {
 #[derive(Debug)]
 struct DpSlam<'m> {
     slam: Slam<'m, SIDE>,
+    /// The corrected map, if there is memory for two.
+    beside: Option<Beside<'m>>,
     /// One window for each thread.
     windows: &'m mut [WindowSlots],
     genealogy: Genealogy,
@@ -53,17 +69,22 @@ impl<'m> Mapper<'m> {
     /// # Errors
     /// If the memory does not fit the configuration.
     pub fn new(config: &SlamConfig, seed: u64, memory: &'m mut MapperMemory) -> Result<Self, SlamMemoryError> {
-        let MapperMemory { odometry, particles } = memory;
+        let MapperMemory { odometry, particles, beside } = memory;
         let odometry = odometry.lend();
         let engine = match particles {
             None => Engine::Matcher(Box::new(LaserOdometry::new(&config.laser_odometry(), seed, odometry)?)),
             Some(memory) => {
                 let (particles, windows) = memory.lend();
                 let slam = Slam::new(config, seed, SlamMemory { odometry, particles })?;
-                Engine::DpSlam(Box::new(DpSlam { slam, windows, genealogy: Genealogy::default() }))
+                let beside = beside.as_mut().map(|(odometry, particles)| {
+                    let (odometry, particles) = (odometry.lend(), particles.lend().0);
+                    Slam::new(config, seed, SlamMemory { odometry, particles }).map(Beside::new)
+                });
+                let beside = beside.transpose()?;
+                Engine::DpSlam(Box::new(DpSlam { slam, beside, windows, genealogy: Genealogy::default() }))
             }
         };
-        Ok(Self { engine, last_odometry: None, counts: MatchCounts::default() })
+        Ok(Self { engine, last_odometry: None, newest: Newest::default(), counts: MatchCounts::default() })
     }
 
     /// Takes the next scan.
@@ -90,6 +111,7 @@ impl<'m> Mapper<'m> {
             Engine::DpSlam(engine) => engine.add_scan(scan, robot_from_lrf, displacement)?,
         };
         self.last_odometry = odometry;
+        self.newest = self.newest.followed_by(scan.stamp, &done.0.odometry);
         self.counts.add(&done.0.odometry);
         Ok(done)
     }
@@ -122,6 +144,33 @@ impl LowLevel for Mapper<'_> {
         Ok(*map_from_robot)
     }
 
+    fn begin_correction(&mut self, correction: &Correction, scans: &ScanStore) -> anyhow::Result<Option<Pose2>> {
+        let Newest { interval, map_from_robot, .. } = self.newest;
+        if let Engine::DpSlam(engine) = &mut self.engine
+            && let Some(beside) = &mut engine.beside
+            && beside.begin(correction, map_from_robot, (scans, interval))
+        {
+            // A scan that closes a loop has cost enough.
+            return Ok(None);
+        }
+        self.correct(correction, scans).map(Some)
+    }
+
+    fn go_on_correcting(&mut self, newest: Option<u32>, scans: &ScanStore) -> anyhow::Result<Option<Pose2>> {
+        let Engine::DpSlam(engine) = &mut self.engine else { return Ok(None) };
+        let Some(beside) = &mut engine.beside else { return Ok(None) };
+        let Newest { interval, map_from_robot, is_key, .. } = self.newest;
+        if let Some(scan) = newest.filter(|_| is_key) {
+            beside.add(scan, map_from_robot);
+        }
+        self.counts.dropped_points += u64::from(beside.draw(scans, interval)?);
+        let goes_on_from = beside.change_over(&mut engine.slam, map_from_robot);
+        if goes_on_from.is_some() {
+            engine.genealogy = Genealogy::default();
+        }
+        Ok(goes_on_from)
+    }
+
     /// The best particle's own history.
     fn path(&self) -> Vec<Pose2> {
         match &self.engine {
@@ -149,8 +198,20 @@ impl LowLevel for Mapper<'_> {
     }
 }
 
+impl Newest {
+    fn followed_by(self, stamp: Instant, step: &OdometryReport) -> Self {
+        Self {
+            stamp: Some(stamp),
+            interval: self.stamp.map_or(Duration::ZERO, |last| stamp.since(last)),
+            map_from_robot: step.matched.map_from_robot,
+            is_key: step.is_key,
+        }
+    }
+}
+
 impl DpSlam<'_> {
     fn restart_at(&mut self, map_from_robot: Pose2) {
+        self.beside.iter_mut().for_each(Beside::stop);
         self.slam.restart_at(map_from_robot);
         self.genealogy = Genealogy::default();
     }

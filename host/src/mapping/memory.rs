@@ -40,18 +40,26 @@ pub(crate) type WindowSlots = Vec<TileId>;
 pub struct MapperMemory {
     pub(super) odometry: MatcherPools,
     pub(super) particles: Option<ParticlePools>,
+    /// Of the corrected map, while it is drawn.
+    pub(super) beside: Option<(MatcherPools, ParticlePools)>,
 }
 
 impl MapperMemory {
     /// That of matching and particles; it does not grow. `threads` share the work, at least one; results do not depend on them.
     pub fn of_particles(slam: &SlamConfig, memory: &MemoryConfig, threads: usize) -> Self {
         let particles = ParticlePools::new(&slam.low_slam(), memory, threads);
-        Self { odometry: MatcherPools::new(slam, memory), particles: Some(particles) }
+        Self { odometry: MatcherPools::new(slam, memory), particles: Some(particles), beside: None }
+    }
+
+    /// The same, and as much again: a corrected map is drawn beside the one in use, a part with every scan.
+    pub fn of_two_maps(slam: &SlamConfig, memory: &MemoryConfig, threads: usize) -> Self {
+        let beside = (MatcherPools::new(slam, memory), ParticlePools::new(&slam.low_slam(), memory, 1));
+        Self { beside: Some(beside), ..Self::of_particles(slam, memory, threads) }
     }
 
     /// That of matching alone.
     pub fn of_matching(slam: &SlamConfig, memory: &MemoryConfig) -> Self {
-        Self { odometry: MatcherPools::new(slam, memory), particles: None }
+        Self { odometry: MatcherPools::new(slam, memory), particles: None, beside: None }
     }
 
     /// That of matching alone.

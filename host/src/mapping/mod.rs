@@ -1,6 +1,7 @@
 //! Scans in, poses and a map out, at each level; and the map kept to go on with.
 
 mod config;
+mod drawing;
 pub mod genealogy;
 pub mod high;
 mod low_level;

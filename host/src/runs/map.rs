@@ -267,8 +267,11 @@ impl<'m, L: LowLevel> Run<'m, L> {
     /// * `is_kept` — a map can be drawn from this one too; a high level judges for itself
     fn place(&mut self, sweep: &Sweep<'_>, low: &LowPose, place: ScanPlace, is_kept: bool) -> anyhow::Result<()> {
         if let Some(high) = &mut self.high {
-            if let Some(correction) = high.add_scan(sweep, low)? {
-                let low_pose = self.low.correct(&correction, high.scans())?;
+            let taken = match high.add_scan(sweep, low)? {
+                Some(correction) => self.low.begin_correction(&correction, high.scans())?,
+                None => self.low.go_on_correcting(high.newest_scan(), high.scans())?,
+            };
+            if let Some(low_pose) = taken {
                 high.low_goes_on_from(low_pose);
             }
         } else if is_kept {

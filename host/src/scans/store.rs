@@ -110,6 +110,11 @@ impl ScanStore {
         near.map(move |beam| robot_from_lrf.transform(Point2::from_polar(beam.range_m, beam.bearing_rad)))
     }
 
+    /// Beams of scan `index`; none of one that was forgotten.
+    pub fn beams(&self, index: usize) -> usize {
+        self.beams_of(index).len()
+    }
+
     fn beams_of(&self, index: usize) -> &[KeptBeam] {
         self.scans.get(index).map_or(&[], |kept| &kept.beams)
     }

@@ -111,9 +111,10 @@ impl HighSlam<'_> {
             let later: Vec<usize> = (segment + 1..=newer).collect();
             if self.is_known(segment, &later, NEWER_VISITS) {
                 let scans = self.segments[segment].poses.iter_mut().filter_map(|pose| pose.scan.take());
-                scans.for_each(|scan| self.scans.forget(scan));
+                self.forgotten.extend(scans);
             }
         }
+        self.forget_unless_drawn();
     }
 }
 

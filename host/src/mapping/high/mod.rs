@@ -104,6 +104,10 @@ pub struct HighSlam<'m> {
     /// Where the robot was when a scan was last kept, seen from the start of the open segment.
     kept: Option<Pose2>,
     reference: ReferenceState,
+    /// The low level has been given a correction and not taken it yet.
+    low_is_drawing: bool,
+    /// Scans to be forgotten when it has: they are being drawn.
+    forgotten: Vec<u32>,
     counts: HighCounts,
 }
 
@@ -125,6 +129,8 @@ impl<'m> HighSlam<'m> {
             low: None,
             kept: None,
             reference: ReferenceState::default(),
+            low_is_drawing: false,
+            forgotten: Vec::new(),
             counts: HighCounts::default(),
         }
     }
@@ -163,14 +169,35 @@ impl<'m> HighSlam<'m> {
     }
 
     fn correction(&mut self) -> Option<Correction> {
+        if self.low_is_drawing {
+            // One that the graph has changed since is noticed after the segment with which it is in use.
+            self.note_in_reference();
+            return None;
+        }
         let node = self.segments.len();
         let reference = self.changed_reference(node)?;
+        self.low_is_drawing = true;
         Some(Correction { map_from_robot: self.graph.nodes()[node].to_f32(), reference })
     }
 
     /// The low level has taken the correction, and where it was at the last scan is this from now on.
     pub fn low_goes_on_from(&mut self, low_pose: Pose2) {
         self.low = Some(low_pose);
+        self.low_is_drawing = false;
+        self.forget_unless_drawn();
+    }
+
+    /// Scans that nobody needs any more go, once the low level has drawn what it was given: these may be among them.
+    fn forget_unless_drawn(&mut self) {
+        if !self.low_is_drawing {
+            self.forgotten.drain(..).for_each(|scan| self.scans.forget(scan));
+        }
+    }
+
+    /// Place among the stored scans of the one that was added last, if it is stored.
+    pub fn newest_scan(&self) -> Option<u32> {
+        let segments = self.segments.last().into_iter().chain([&self.open]);
+        segments.filter_map(|segment| segment.poses.last()).next_back().and_then(|pose| pose.scan)
     }
 
     /// The stored scans.
@@ -225,10 +252,14 @@ impl<'m> HighSlam<'m> {
     /// Looks for older places that the segment that starts at node `newer` came back to; true if the graph has new closures.
     fn close_loops(&mut self, newer: usize) -> bool {
         self.closer.forget_before(newer.saturating_sub(WAITING_SEGMENTS));
-        let reached = reach_from(&self.graph, newer);
+        let candidates = self.candidates(newer, &reach_from(&self.graph, newer));
+        if candidates.is_empty() {
+            return false;
+        }
+        let latest = self.latest_way(newer);
         let mut found = Vec::new();
-        for (older, reach) in self.candidates(newer, &reached) {
-            let Some(closure) = self.find_closure(older, newer, &reach) else { continue };
+        for (older, reach) in candidates {
+            let Some(closure) = self.find_closure(older, newer, &reach, &latest) else { continue };
             self.counts.closures_found += 1;
             found.extend(self.closer.confirmed(closure, self.graph.nodes()));
         }

@@ -7,7 +7,7 @@
 use lrfslam_core::geometry::{Point2, Pose2};
 
 use super::HighSlam;
-use super::placing::{QUERY_TRAVEL_M, ReferenceState};
+use super::placing::ReferenceState;
 use super::segment::Segment;
 use crate::mapping::{Correction, LowPose};
 use crate::places::closing::{Closure, Effort};
@@ -133,7 +133,7 @@ impl HighSlam<'_> {
         if others.is_empty() {
             return false;
         }
-        let query = self.submap(self.segments_about(newer, QUERY_TRAVEL_M - self.segments[newer].travel_m, 0.0), newer);
+        let (_, query) = self.latest_way(newer);
         for other in others {
             let Some(closure) = self.find_piece(&query, newer, other) else { continue };
             self.counts.closures_found += 1;

@@ -17,7 +17,7 @@ const SUBMAP_STEP_M: f32 = 0.2;
 /// … or so far turned, rad.
 const SUBMAP_STEP_RAD: f32 = 0.1;
 /// Travel of the latest path that is searched for, m: more is told apart better. Chosen.
-pub(super) const QUERY_TRAVEL_M: f32 = 8.0;
+const QUERY_TRAVEL_M: f32 = 8.0;
 /// Travel, before and after an older pose, of the path that is searched in, m. Chosen.
 const PLACE_TRAVEL_M: f32 = 10.0;
 /// Older path counts as older from so much travel on, m. Chosen.
@@ -70,6 +70,15 @@ impl ReferenceState {
 }
 
 impl HighSlam<'_> {
+    /// The low level has put the last segment into its map by itself, where it found it.
+    pub(super) fn note_in_reference(&mut self) {
+        let last = self.segments.len() - 1;
+        let before = last.checked_sub(1).and_then(|before| Some((self.reference.pose(before)?, before)));
+        let start = before.map(|(start, before)| start.then(self.segments[before].start_from_end));
+        self.reference.segments.resize(last, None);
+        self.reference.segments.push(start.or(Some(self.graph.nodes()[last])));
+    }
+
     /// Poses of segment `k` in the map: what the graph has moved its end by is spread along its way.
     fn placed(&self, k: usize) -> impl Iterator<Item = (PoseF64, &SegmentPose)> {
         let segment = self.segments.get(k).unwrap_or(&self.open);
@@ -198,12 +207,23 @@ impl HighSlam<'_> {
         (WINDOW_SIGMAS * reach.position_m() as f32 + WINDOW_MORE_M).min(WINDOW_MAX_M)
     }
 
-    /// Searches the latest path in the path about `older`.
-    pub(super) fn find_closure(&mut self, older: usize, newer: usize, reach: &Reach) -> Option<Closure> {
-        let query = self.segments_about(newer, QUERY_TRAVEL_M - self.segments[newer].travel_m, 0.0);
+    /// The map of the latest path, which ends with segment `newer`, about where that begins; and its first segment.
+    pub(super) fn latest_way(&self, newer: usize) -> (usize, Submap) {
+        let segments = self.segments_about(newer, QUERY_TRAVEL_M - self.segments[newer].travel_m, 0.0);
+        (*segments.start(), self.submap(segments, newer))
+    }
+
+    /// Searches the [latest path](Self::latest_way) in the path about `older`.
+    pub(super) fn find_closure(
+        &mut self,
+        older: usize,
+        newer: usize,
+        reach: &Reach,
+        (first, query): &(usize, Submap),
+    ) -> Option<Closure> {
         let place = self.segments_about(older, PLACE_TRAVEL_M, PLACE_TRAVEL_M);
-        let place = *place.start()..=(*place.end()).min(query.start().saturating_sub(1));
-        let (query, place) = (self.submap(query, newer), self.submap(place, older));
+        let place = *place.start()..=(*place.end()).min(first.saturating_sub(1));
+        let place = self.submap(place, older);
         let nodes = self.graph.nodes();
         let centre = nodes[older].between(nodes[newer]).to_f32();
         let heading_rad = WINDOW_SIGMAS * reach.heading_rad() as f32 + WINDOW_MORE_RAD;
@@ -212,7 +232,7 @@ impl HighSlam<'_> {
             distance_m: Self::window_m(reach),
             heading_rad: heading_rad.min(WINDOW_MAX_DEG.to_radians()),
         };
-        let found = self.closer.find(&query, &place, &window)?;
+        let found = self.closer.find(query, &place, &window)?;
         let moves_m = (found.pose.position() - centre.position()).norm();
         let older_from_newer = PoseF64::from(found.pose);
         Some(Closure { older, newer, older_from_newer, moves_m, weak_axis: found.weak_axis })
