@@ -53,8 +53,13 @@ fn long_ray(bencher: Bencher<'_, '_>) {
     let (mut nodes, mut node_tiles) = ([Node::default(); 2], [TileId::NONE; 2]);
     let (mut tiles, mut headers) = (vec![Tile::<SIDE>::UNSEEN; 1000], vec![TileHeader::default(); 1000]);
     let mut directory = vec![TileId::NONE; 1024];
-    let memory =
-        MapMemory { tiles: &mut tiles, headers: &mut headers, node_tiles: &mut node_tiles, directory: &mut directory };
+    let memory = MapMemory {
+        tiles: &mut tiles,
+        headers: &mut headers,
+        node_tiles: &mut node_tiles,
+        directory: &mut directory,
+        ages: &mut [],
+    };
     let config = ParticleMapConfig::default();
     let mut map = DistributedMap::new(&config, memory).expect("memory fits");
     let tree = Ancestry::new(&mut nodes).expect("memory fits");

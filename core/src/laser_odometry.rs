@@ -29,7 +29,7 @@ crate::config_choice! {
     pub enum Reference {
         /// The previous scan alone (the thesis).
         PreviousScan = "previous-scan",
-        /// The last key scans together.
+        /// The scans of the last 60 m together. With particles, they hold the robot on older ground, each by its own map.
         RecentScans = "recent-scans",
         /// Everything seen so far.
         WholeMap = "whole-map",
@@ -50,8 +50,8 @@ crate::config! {
     }
 }
 
-/// Key scans kept with [`Reference::RecentScans`]: chosen.
-const RECENT_SCANS: usize = 10;
+/// Key scans kept with [`Reference::RecentScans`], fewer if there is memory for fewer: those of 60 m at 0.05 m, and of turns.
+const RECENT_SCANS: usize = 1500;
 /// The reference is extended after this much travel, m …
 const KEY_DISTANCE_M: f32 = 0.05;
 /// … or this much rotation, degrees: chosen; the thesis extends it by every scan.
@@ -162,6 +162,8 @@ pub struct LaserOdometry<'m> {
     turn: u32,
     map_from_robot: Pose2,
     map_from_key: Pose2,
+    /// From key scan to key scan, m.
+    way_m: f32,
     course: Course,
     last_stamp: Option<Instant>,
     last_interval: Duration,
@@ -195,6 +197,7 @@ impl<'m> LaserOdometry<'m> {
             turn: 0,
             map_from_robot: Pose2::IDENTITY,
             map_from_key: Pose2::IDENTITY,
+            way_m: 0.0,
             course: Course::default(),
             last_stamp: None,
             last_interval: Duration::ZERO,

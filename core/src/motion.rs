@@ -15,6 +15,16 @@ use crate::math::{normal, sin_cos};
 pub trait Motion {
     /// A pose that the robot may have now if it was at `map_from_robot` before.
     fn sample(&self, map_from_robot: Pose2, rng: &mut impl Rng) -> Pose2;
+
+    /// True where nothing tells the speed: it goes on as it was, for the whole stretch.
+    fn carries_speed(&self) -> bool {
+        false
+    }
+
+    /// The same if the speed carried on is off by so many standard deviations.
+    fn sample_at_speed(&self, map_from_robot: Pose2, _speed: f32, rng: &mut impl Rng) -> Pose2 {
+        self.sample(map_from_robot, rng)
+    }
 }
 
 crate::config! {
@@ -64,6 +74,8 @@ impl MatchedMotion {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScanMatchingMotion {
     displacement: Pose2,
+    /// Part of the displacement that one standard deviation of the speed carried on adds or takes away; zero where it is not carried.
+    speed: Point2,
     /// Lower triangle with L Lᵀ = covariance of the noise.
     noise: Matrix3<f32>,
 }
@@ -78,16 +90,54 @@ impl ScanMatchingMotion {
             let along = Vector3::new(axis.x, axis.y, 0.0) * config.undetermined_m;
             covariance += along * along.transpose();
         }
-        Self { displacement, noise: lower_triangle(&covariance) }
+        Self { displacement, speed: Point2::default(), noise: lower_triangle(&covariance) }
+    }
+
+    /// The same where matches are against the last scans: along an undetermined axis the speed may be wrong, and goes on to be.
+    #[must_use]
+    pub(crate) fn with_speed_of(self, matched: &MatchedMotion) -> Self {
+        let along =
+            |axis: Point2| axis * (CARRIED_SPEED * (axis.x * self.displacement.x + axis.y * self.displacement.y));
+        Self { speed: matched.undetermined.map_or(self.speed, along), ..self }
+    }
+}
+
+/// Error that a usual step of a filter adds where nothing but the last scans is matched against, m …
+const DRIFT_M: f32 = 0.0015;
+/// … and degrees: chosen so that particles cover the drift of simulated loops, with laser noise of 5 to 40 mm.
+const DRIFT_DEG: f32 = 0.02;
+
+/// Share of a speed carried on that it is off by. Chosen.
+const CARRIED_SPEED: f32 = 0.03;
+
+impl ScanMatchingMotionConfig {
+    /// The noise where matches are against the last scans, so that their errors add up; `steps` usual ones are taken together.
+    pub(crate) fn drifting(&self, steps: f32) -> Self {
+        let add = |sigma: f32, drift: f32| libm::sqrtf(sigma * sigma + steps.max(1.0) * drift * drift);
+        Self {
+            forward_m: add(self.forward_m, DRIFT_M),
+            lateral_m: add(self.lateral_m, DRIFT_M),
+            heading_deg: add(self.heading_deg, DRIFT_DEG),
+            ..*self
+        }
     }
 }
 
 impl Motion for ScanMatchingMotion {
     fn sample(&self, map_from_robot: Pose2, rng: &mut impl Rng) -> Pose2 {
+        self.sample_at_speed(map_from_robot, 0.0, rng)
+    }
+
+    fn carries_speed(&self) -> bool {
+        self.speed != Point2::default()
+    }
+
+    fn sample_at_speed(&self, map_from_robot: Pose2, speed: f32, rng: &mut impl Rng) -> Pose2 {
         let draws = Vector3::new(normal(rng), normal(rng), normal(rng));
         let noise = self.noise * draws;
         let Pose2 { x, y, heading } = self.displacement;
-        map_from_robot * Pose2::new(x + noise.x, y + noise.y, heading + noise.z)
+        map_from_robot
+            * Pose2::new(x + speed * self.speed.x + noise.x, y + speed * self.speed.y + noise.y, heading + noise.z)
     }
 }
 

@@ -28,6 +28,8 @@ pub struct Particle {
     pub weight: f32,
     /// Logarithm of the weight that it carries on, 0 after resampling.
     pub log_weight: f32,
+    /// How far off the speed is that it carries on, standard deviations; 0 where the speed is told.
+    pub(crate) speed: f32,
     /// Its samples of this step: the first, and one past the last.
     pub(crate) samples: [u32; 2],
 }
@@ -41,6 +43,7 @@ impl Particle {
         parent: 0,
         weight: 0.0,
         log_weight: 0.0,
+        speed: 0.0,
         samples: [0, 0],
     };
 }
@@ -58,14 +61,23 @@ pub struct Sample {
     pub parent: u16,
     /// How many times it was drawn.
     pub draws: u16,
+    /// See [`Particle`].
+    pub(crate) speed: f32,
     /// Leaf that it will have.
     pub(crate) node: NodeId,
 }
 
 impl Sample {
     /// A sample of an all-zero pool.
-    pub const UNUSED: Self =
-        Self { map_from_robot: Pose2::IDENTITY, log_weight: 0.0, weight: 0.0, parent: 0, draws: 0, node: NodeId::NONE };
+    pub const UNUSED: Self = Self {
+        map_from_robot: Pose2::IDENTITY,
+        log_weight: 0.0,
+        weight: 0.0,
+        parent: 0,
+        draws: 0,
+        speed: 0.0,
+        node: NodeId::NONE,
+    };
 }
 
 /// What the weights say.

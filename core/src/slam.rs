@@ -43,6 +43,14 @@ impl StepConfig {
     pub fn is_due(&self, moved: Pose2) -> bool {
         moved.position().norm() >= self.distance_m || moved.heading.abs() >= self.rotation_deg.to_radians()
     }
+
+    /// How many steps due as soon as they can be `moved` is as long as; 1 if steps are due at once.
+    fn usual_steps(&self, moved: Pose2) -> f32 {
+        let [distance, rotation] =
+            [(moved.position().norm(), self.distance_m), (moved.heading.abs(), self.rotation_deg.to_radians())]
+                .map(|(moved, due)| if due > 0.0 { moved / due } else { 1.0 });
+        distance.max(rotation)
+    }
 }
 
 /// Squares along the side of a tile of [`SlamPools`].
@@ -99,6 +107,8 @@ pub struct Slam<'m, const SIDE: usize> {
     motion: ScanMatchingMotionConfig,
     odometry: LaserOdometry<'m>,
     filter: LowSlam<'m, SIDE>,
+    /// The particles hold the robot on old ground, and the odometry is left alone.
+    closes_loops: bool,
     /// Mean pose of the particles at the filter's last step, from where the odometry went on.
     map_from_step: Option<Pose2>,
     /// Pose of the best one.
@@ -122,6 +132,7 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
             motion: config.motion,
             odometry: LaserOdometry::new(&config.laser_odometry(), seed, memory.odometry)?,
             filter: LowSlam::new(&config.low_slam(), seed, memory.particles)?,
+            closes_loops: config.low_slam().closes_loops,
             map_from_step: None,
             map_from_best: Pose2::IDENTITY,
             best: 0,
@@ -224,15 +235,26 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
             return Ok(StepReport { map_from_robot, odometry, filter: None });
         }
         let motion = MatchedMotion::from_map(previous, map_from_robot, self.undetermined);
-        let motion = ScanMatchingMotion::new(&self.motion, &motion);
+        let motion = self.motion(previous.between(map_from_robot), &motion);
         let sweep = Sweep { scan: *scan, robot_from_lrf, motion: odometry.motion };
         let filter = self.filter.step_with(&sweep, &motion, weigh)?;
-        self.odometry.correct(filter.mean_map_from_robot);
-        self.map_from_step = Some(filter.mean_map_from_robot);
+        if !self.closes_loops {
+            self.odometry.correct(filter.mean_map_from_robot);
+        }
+        self.map_from_step = Some(self.odometry.map_from_robot());
         self.map_from_best = filter.map_from_robot;
         self.best = filter.best;
         self.undetermined = None;
         Ok(StepReport { map_from_robot: filter.map_from_robot, odometry, filter: Some(filter) })
+    }
+
+    /// Of the particles, in a step of the filter.
+    fn motion(&self, moved: Pose2, matched: &MatchedMotion) -> ScanMatchingMotion {
+        if !self.closes_loops {
+            return ScanMatchingMotion::new(&self.motion, matched);
+        }
+        let noise = self.motion.drifting(self.config.usual_steps(moved));
+        ScanMatchingMotion::new(&noise, matched).with_speed_of(matched)
     }
 }
 

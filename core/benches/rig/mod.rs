@@ -26,6 +26,7 @@ pub fn filter(config: &LowSlamConfigs, tiles: usize) -> LowSlam<'static, SIDE> {
             headers: vec![TileHeader::default(); tiles].leak(),
             node_tiles: vec![TileId::NONE; 2 * particles].leak(),
             directory: vec![TileId::NONE; 1 << 16].leak(),
+            ages: &mut [],
         },
         nodes: vec![Node::default(); 2 * particles].leak(),
         particles: vec![Particle::default(); particles].leak(),

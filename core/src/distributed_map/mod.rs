@@ -36,7 +36,9 @@ pub use exchange::{HeldTile, Restored};
 pub use print::{Print, PrintReport};
 pub use region::Region;
 pub use square::{DISTANCE_UNITS, Square};
-pub use tiles::{DistributedMap, MapMemory, MapMemoryError, PoolFullError, Tile, TileHeader, TileId, TilePlace};
+pub use tiles::{
+    DistributedMap, MapMemory, MapMemoryError, PoolFullError, Tile, TileAge, TileHeader, TileId, TilePlace,
+};
 pub use window::{MapView, Window, WindowFrame, WindowMemoryError};
 
 crate::config! {

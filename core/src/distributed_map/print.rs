@@ -125,6 +125,7 @@ fn write<const SIDE: usize>(
         open.is_own = true;
         window.set_tile(slot, open.id);
     }
+    map.touch(open.id);
     map.set_square(open.id, x, y, now);
     Ok(())
 }

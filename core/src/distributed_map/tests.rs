@@ -42,6 +42,7 @@ impl Memory {
             headers: &mut self.headers,
             node_tiles: &mut self.node_tiles,
             directory: &mut self.directory,
+            ages: &mut [],
         };
         let map = DistributedMap::new(&CONFIG, memory).unwrap();
         (Ancestry::new(&mut self.nodes).unwrap(), map, Window::new(&mut self.slots).unwrap())

@@ -246,6 +246,11 @@ impl<'a, 'm, const SIDE: usize> MapView<'a, 'm, SIDE> {
         self.window.ray::<SIDE>(start, direction, length)
     }
 
+    /// True if the square (`x`, `y`) from the window's corner is on old ground: drawn before the robot went elsewhere.
+    pub fn is_old(&self, x: i32, y: i32) -> bool {
+        self.map.is_old(self.window.tile_in(self.window.slot_of::<SIDE>(x, y)))
+    }
+
     /// What is known of the square (`x`, `y`) from the window's corner.
     #[inline(always)]
     pub fn square(&self, x: i32, y: i32) -> Square {

@@ -3,8 +3,11 @@
 use super::{LaserOdometry, Reference, walls, witnesses};
 use crate::filter::{self, PointCapacityError};
 use crate::geometry::{Point2, Pose2};
-use crate::ndt::InsertReport;
+use crate::ndt::{InsertReport, NdtGrid};
 use crate::sweep::Sweep;
+
+/// The recent scans are those of so much way, m: chosen, so that the way back out of a dead end is matched against the way in.
+const RECENT_WAY_M: f32 = 60.0;
 
 /// A scan that is kept: it will be removed from the reference again, or is a witness.
 #[derive(Debug, Clone, Copy, Default)]
@@ -13,6 +16,8 @@ pub struct KeyScan {
     /// Where the laser was, robot frame.
     pub(super) eye: Point2,
     pub(super) count: usize,
+    /// Way until it was taken, m.
+    way_m: f32,
 }
 
 impl LaserOdometry<'_> {
@@ -66,17 +71,37 @@ impl LaserOdometry<'_> {
         eye: Point2,
         (points, hits): (usize, usize),
     ) -> InsertReport {
+        self.way_m += self.map_from_key.between(map_from_robot).position().norm();
         self.map_from_key = map_from_robot;
         if self.config.odometry.reference == Reference::WholeMap {
             return self.extend_map(map_from_robot, eye, (points, hits));
         }
+        self.let_go_behind();
+        let reference = self.config.odometry.reference;
         let hits = self.hits.get(..hits).unwrap_or_default();
         let Self { ndt, key_points, key_scans, .. } = self;
         if let Some((key, memory)) = next_slot(key_scans, key_points, &mut self.key_count) {
-            ndt.remove(memory.get(..key.count).unwrap_or_default(), key.map_from_robot);
+            key.remove_from(ndt, memory, reference);
             key.keep(memory, hits, map_from_robot, eye);
+            key.way_m = self.way_m;
+        }
+        if reference == Reference::RecentScans {
+            walls::between(hits, |wall| {
+                ndt.insert(wall, map_from_robot);
+            });
         }
         ndt.insert(hits, map_from_robot)
+    }
+
+    /// Of the last scans, those that are too far behind leave the reference.
+    fn let_go_behind(&mut self) {
+        let reference = self.config.odometry.reference;
+        let Self { ndt, key_points, key_scans, way_m, .. } = self;
+        let room = key_points.len().checked_div(key_scans.len()).unwrap_or(0).max(1);
+        let behind = *way_m - RECENT_WAY_M;
+        for (key, memory) in key_scans.iter_mut().zip(key_points.chunks(room)).filter(|(key, _)| key.way_m < behind) {
+            key.remove_from(ndt, memory, reference);
+        }
     }
 
     /// The same for the whole map: what moves is not map.
@@ -110,9 +135,19 @@ impl LaserOdometry<'_> {
 }
 
 impl KeyScan {
+    /// Takes the scan, whose points are at the front of `memory`, out of the reference.
+    fn remove_from(&mut self, ndt: &mut NdtGrid<'_>, memory: &[Point2], reference: Reference) {
+        let points = memory.get(..self.count).unwrap_or_default();
+        ndt.remove(points, self.map_from_robot);
+        if reference == Reference::RecentScans {
+            walls::between(points, |wall| ndt.remove(wall, self.map_from_robot));
+        }
+        self.count = 0;
+    }
+
     /// Becomes the scan with these `points`, as far as there is `memory` for them.
     pub(super) fn keep(&mut self, memory: &mut [Point2], points: &[Point2], map_from_robot: Pose2, eye: Point2) {
-        *self = Self { map_from_robot, eye, count: points.len().min(memory.len()) };
+        *self = Self { map_from_robot, eye, count: points.len().min(memory.len()), ..*self };
         memory.iter_mut().zip(points).for_each(|(to, from)| *to = *from);
     }
 }

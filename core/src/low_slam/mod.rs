@@ -22,6 +22,7 @@
 //! gives the same bytes.
 
 mod memory;
+mod old_ground;
 mod pools;
 mod restart;
 mod stretch;
@@ -37,6 +38,7 @@ use self::stretch::OneScan;
 use crate::ancestry::{Ancestry, NodeId};
 use crate::distributed_map::{DistributedMap, ParticleMapConfig, Square, Window, WindowFrame};
 use crate::geometry::{Point2, Pose2};
+use crate::math::normal;
 use crate::motion::Motion;
 use crate::particles::{self, Particle, Sample, Weights};
 use crate::perception::{PerceptionConfig, PerceptionModel};
@@ -70,6 +72,9 @@ pub struct LowSlamConfigs {
     pub rays: RayConfig,
     /// Weights.
     pub perception: PerceptionConfig,
+    /// Each particle is placed and weighed by [old ground](crate::distributed_map::MapMemory::ages) of its own map, and by nothing else. Where matching knows the last
+    /// scans alone, and particles spread as it drifts.
+    pub closes_loops: bool,
 }
 
 /// What one step did.
@@ -129,6 +134,9 @@ pub struct LowSlam<'m, const SIDE: usize> {
     sample_count: usize,
     ray_count: usize,
     particles_max: u16,
+    /// Of the particles' mean, m.
+    way_m: f32,
+    mean_map_from_robot: Pose2,
 }
 
 impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
@@ -170,6 +178,8 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             sample_count: 0,
             ray_count: 0,
             particles_max,
+            way_m: 0.0,
+            mean_map_from_robot: Pose2::IDENTITY,
         })
     }
 
@@ -268,6 +278,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         self.print_all(stretch, &mut report)?; // "print low map"
         self.steps = self.steps.saturating_add(1); // "t = t + 1"
         self.finish(&weights, &mut report);
+        self.pass(report.mean_map_from_robot);
         Ok(self.moved_by(start_from_end, report))
     }
 
@@ -301,9 +312,14 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             particle.samples = [next, end];
             for (index, sample) in (next..end).zip(self.samples.iter_mut().skip(next as usize)) {
                 let mut rng = RandomStream::new(self.seed, self.steps, index);
-                let map_from_robot = motion.sample(particle.map_from_robot, &mut rng);
-                let parent = parent as u16;
-                *sample = Sample { map_from_robot, log_weight: particle.log_weight, parent, ..Sample::default() };
+                let speed = match particle.speed {
+                    _ if !motion.carries_speed() => 0.0,
+                    0.0 => normal(&mut rng),
+                    kept => kept,
+                };
+                let map_from_robot = motion.sample_at_speed(particle.map_from_robot, speed, &mut rng);
+                let (parent, log_weight) = (parent as u16, particle.log_weight);
+                *sample = Sample { map_from_robot, log_weight, parent, speed, ..Sample::default() };
             }
             next = end;
         }
@@ -321,6 +337,8 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             ancestry: &self.ancestry,
             particles: self.particles.get(..self.particle_count).unwrap_or_default(),
             rays: self.rays.get(first_ray.min(self.ray_count)..self.ray_count).unwrap_or_default(),
+            all_rays: self.rays.get(..self.ray_count).unwrap_or_default(),
+            closes_loops: self.config.closes_loops,
             model: &self.model,
             particle_from_lrf: self.particle_from_lrf,
             frame,
@@ -352,7 +370,8 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     fn frame(&self) -> WindowFrame {
         let longest = self.rays.iter().take(self.ray_count).map(|ray| ray.length_m).fold(0.0, f32::max);
         let squares = 2.0 * self.config.map.square_size_m;
-        let reach = longest + self.model.reach_m() + self.particle_from_lrf.position().norm() + squares;
+        let beyond = self.model.reach_m().max(if self.config.closes_loops { old_ground::REACH_M } else { 0.0 });
+        let reach = longest + beyond + self.particle_from_lrf.position().norm() + squares;
         let (mut low, mut high) = (Point2::new(f32::MAX, f32::MAX), Point2::new(f32::MIN, f32::MIN));
         for pose in self.samples().iter().map(|sample| sample.map_from_robot).filter(|pose| pose.is_finite()) {
             low = Point2::new(low.x.min(pose.x), low.y.min(pose.y));

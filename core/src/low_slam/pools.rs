@@ -64,6 +64,7 @@ impl<
                 headers: &mut self.headers,
                 node_tiles: &mut self.node_tiles,
                 directory: &mut self.directory,
+                ages: &mut [],
             },
             nodes: &mut self.nodes,
             particles: &mut self.particles,

@@ -151,6 +151,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
                 parent: sample.parent,
                 weight: sample.weight,
                 log_weight: sample.log_weight,
+                speed: sample.speed,
                 samples: [0, 0],
             };
             self.ancestry.set_particle(sample.node, count);
@@ -223,6 +224,13 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         report.nodes = self.ancestry.nodes_used();
         report.depth = particles.iter().map(|particle| self.ancestry.depth(particle.node)).max().unwrap_or(0);
         report.tiles = self.map.tiles_used();
+    }
+
+    /// The particles' mean has come to `mean_map_from_robot`.
+    pub(super) fn pass(&mut self, mean_map_from_robot: Pose2) {
+        self.way_m += self.mean_map_from_robot.between(mean_map_from_robot).position().norm();
+        self.mean_map_from_robot = mean_map_from_robot;
+        self.map.pass(self.way_m);
     }
 
     fn population(&mut self) -> Population<'_, 'm, SIDE> {

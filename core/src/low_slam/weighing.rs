@@ -9,6 +9,8 @@ use crate::particles::{Particle, Sample};
 use crate::perception::PerceptionModel;
 use crate::rays::Ray;
 
+use super::old_ground::OldGround;
+
 /// A step's work of weighing: shared by all threads, changes nothing but the samples given to it.
 #[derive(Debug, Clone, Copy)]
 pub struct Weighing<'a, 'm, const SIDE: usize> {
@@ -16,6 +18,8 @@ pub struct Weighing<'a, 'm, const SIDE: usize> {
     pub(super) ancestry: &'a Ancestry<'m>,
     pub(super) particles: &'a [Particle],
     pub(super) rays: &'a [Ray],
+    pub(super) all_rays: &'a [Ray],
+    pub(super) closes_loops: bool,
     pub(super) model: &'a PerceptionModel,
     pub(super) particle_from_lrf: Pose2,
     pub(super) frame: WindowFrame,
@@ -48,7 +52,7 @@ impl<const SIDE: usize> Weighing<'_, '_, SIDE> {
         self.weigh(0..self.particles(), samples, window);
     }
 
-    /// Adds the log-likelihood of the scan to the log weight of each sample of the particles in `range`.
+    /// Adds the log-likelihood of the scan to the log weight of each sample of the particles in `range`; on old ground, moves it too.
     ///
     /// * `samples` — exactly the samples of these particles; `window` — any, of the same size for every thread
     /// * the result depends on neither how the work was shared out nor on what `window` held before
@@ -66,8 +70,21 @@ impl<const SIDE: usize> Weighing<'_, '_, SIDE> {
             }
             let view = MapView::new(self.map, window);
             for sample in own {
-                sample.log_weight += self.log_likelihood(view, sample.map_from_robot);
+                if self.closes_loops {
+                    self.place_on_old_ground(view, sample);
+                } else {
+                    sample.log_weight += self.log_likelihood(view, sample.map_from_robot);
+                }
             }
+        }
+    }
+
+    fn place_on_old_ground(&self, view: MapView<'_, '_, SIDE>, sample: &mut Sample) {
+        let Self { all_rays: rays, particle_from_lrf, .. } = *self;
+        let ground = OldGround { view, rays, particle_from_lrf, square_size_m: self.map.square_size_m() };
+        if let Some(placed) = ground.place(sample.map_from_robot) {
+            sample.map_from_robot = placed.map_from_robot;
+            sample.log_weight += placed.log_likelihood;
         }
     }
 

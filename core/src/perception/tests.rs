@@ -18,8 +18,13 @@ fn with_map(scans: &[(Vec<Ray>, Pose2)], test: impl FnOnce(MapView<'_, '_, SIDE>
     let (mut tiles, mut headers) = (vec![Tile::<SIDE>::UNSEEN; 600], vec![TileHeader::default(); 600]);
     let (mut node_tiles, mut directory) = ([TileId::NONE; 4], vec![TileId::NONE; 1024]);
     let mut slots = vec![TileId::NONE; 32 * 32];
-    let memory =
-        MapMemory { tiles: &mut tiles, headers: &mut headers, node_tiles: &mut node_tiles, directory: &mut directory };
+    let memory = MapMemory {
+        tiles: &mut tiles,
+        headers: &mut headers,
+        node_tiles: &mut node_tiles,
+        directory: &mut directory,
+        ages: &mut [],
+    };
     let tree = Ancestry::new(&mut nodes).unwrap();
     let mut map = DistributedMap::new(&ParticleMapConfig { square_size_m: SIZE, print_step: 1 }, memory).unwrap();
     let mut window = Window::new(&mut slots).unwrap();

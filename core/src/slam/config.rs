@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Layout, Section, layout_with_part};
-use crate::laser_odometry::LaserOdometryConfig;
+use crate::laser_odometry::{LaserOdometryConfig, Reference};
 use crate::low_slam::{LowSlamConfig, LowSlamConfigs};
 use crate::matcher::{MatcherConfig, RecoveryConfig};
 use crate::ndt::NdtConfig;
@@ -112,6 +112,12 @@ impl SlamConfig {
     /// The part for the particles.
     pub fn low_slam(&self) -> LowSlamConfigs {
         let Self { particles: filter, particle_map: map, rays, perception, .. } = *self;
-        LowSlamConfigs { filter, map, rays, perception }
+        LowSlamConfigs {
+            filter,
+            map,
+            rays,
+            perception,
+            closes_loops: self.odometry.reference == Reference::RecentScans,
+        }
     }
 }

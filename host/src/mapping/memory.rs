@@ -2,7 +2,7 @@
 
 use lrfslam_core::ancestry::Node;
 use lrfslam_core::de::Member;
-use lrfslam_core::distributed_map::{MapMemory, Tile, TileHeader, TileId};
+use lrfslam_core::distributed_map::{MapMemory, Tile, TileAge, TileHeader, TileId};
 use lrfslam_core::geometry::Point2;
 use lrfslam_core::laser_odometry::{KeyScan, OdometryMemory};
 use lrfslam_core::low_slam::{LowSlamConfigs, LowSlamMemory};
@@ -116,6 +116,7 @@ pub struct ParticlePools {
     headers: Vec<TileHeader>,
     node_tiles: Vec<TileId>,
     directory: Vec<TileId>,
+    ages: Vec<TileAge>,
     nodes: Vec<Node>,
     particles: Vec<Particle>,
     samples: Vec<Sample>,
@@ -136,6 +137,7 @@ impl ParticlePools {
             headers: vec![TileHeader::FREE; tiles],
             node_tiles: vec![TileId::NONE; 2 * particles],
             directory: vec![TileId::NONE; DIRECTORY_SIDE * DIRECTORY_SIDE],
+            ages: vec![TileAge::NEW; if config.closes_loops { tiles } else { 0 }],
             nodes: vec![Node::FREE; 2 * particles],
             particles: vec![Particle::UNUSED; particles],
             samples: vec![Sample::UNUSED; particles * usize::from(config.filter.samples_per_particle)],
@@ -153,6 +155,7 @@ impl ParticlePools {
                 headers: &mut self.headers,
                 node_tiles: &mut self.node_tiles,
                 directory: &mut self.directory,
+                ages: &mut self.ages,
             },
             nodes: &mut self.nodes,
             particles: &mut self.particles,

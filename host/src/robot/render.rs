@@ -43,6 +43,7 @@ pub fn render(
             headers: &mut headers,
             node_tiles: &mut [TileId::NONE; 2],
             directory: &mut vec![TileId::NONE; TILES],
+            ages: &mut [],
         },
         nodes: &mut [Node::FREE; 2],
         particles: &mut [Particle::UNUSED; 1],

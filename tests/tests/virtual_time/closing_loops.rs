@@ -12,8 +12,11 @@ use lrfslam_host::scans::log::{LogOptions, LogReader, LogScan};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
 use lrfslam_lab::evaluation::{TruthReport, evaluate_truth};
 
+/// The scans, and the true path.
+type Drive = (Vec<LogScan>, Vec<TimedPose>);
+
 /// Once round the loop and 18 m on, with a laser noisy enough for the low level to drift by half a metre.
-fn drive() -> (Vec<LogScan>, Vec<TimedPose>) {
+fn drive() -> Drive {
     let folder = tempfile::tempdir().unwrap();
     let scenario = Scenario::load("loop").unwrap().driving_on(&[[29.5, 9.5]]).unwrap();
     let lrf = LrfModel { errors: LrfErrors::gaussian(0.04), ..LrfModel::LMS200 };
@@ -76,4 +79,42 @@ fn particles_at_the_high_level_do_not_depend_on_threads() {
     let (on_three, _, _) = map(&config, &scans, &truth, 3);
     assert_eq!(path, on_three);
     assert!(report.absolute_m.rmse < 1.5, "{:?}", report.absolute_m);
+}
+
+/// The drive mapped by one level with so many particles, on so many threads: the path, and the largest error at a place revisited, m.
+fn map_by_one_level(particles: u16, seed: u64, threads: usize, drive: &Drive) -> (Vec<TimedPose>, f64) {
+    let (scans, truth) = drive;
+    let mut config = RunConfig::default();
+    config.hierarchy.levels = 1;
+    config.particles.particles = particles;
+    let mapping = config.mapping();
+    let mut memory = RunMemory::new(&mapping, threads);
+    let mut run = MapRun::new(&mapping, seed, &mut memory).unwrap();
+    for scan in scans {
+        run.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or_default(), None).unwrap();
+    }
+    let path = run.trajectory();
+    let report = evaluate_truth(&path, truth, Duration::from_millis(50), 10.0).unwrap();
+    (path, report.revisit_m.max)
+}
+
+/// Each particle closes the loop in its own map; one alone has nothing to choose from.
+#[test]
+#[ignore = "heavy: run by .ci/run"]
+fn particles_of_one_level_close_the_loop_and_one_does_not() {
+    let drive = drive();
+    let worst = |particles| (1..=8).map(|seed| map_by_one_level(particles, seed, 2, &drive).1).collect::<Vec<_>>();
+    let (hundred, one) = (worst(100), worst(1));
+    let closed = |worst: &[f64]| worst.iter().filter(|worst| **worst < 0.5).count();
+    println!("largest error at a place revisited, m: {hundred:.2?} with 100 particles, {one:.2?} with one");
+    assert!(closed(&hundred) >= 7 && closed(&hundred) > closed(&one), "{hundred:?} {one:?}");
+    assert!(hundred.iter().sum::<f64>() < 0.75 * one.iter().sum::<f64>(), "{hundred:?} {one:?}");
+}
+
+#[test]
+#[ignore = "heavy: run by .ci/run"]
+fn particles_that_close_a_loop_do_not_depend_on_threads() {
+    let drive = drive();
+    let (path, _) = map_by_one_level(50, 1, 1, &drive);
+    assert_eq!(path, map_by_one_level(50, 1, 3, &drive).0);
 }

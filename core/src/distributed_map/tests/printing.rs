@@ -64,6 +64,7 @@ fn memory_that_does_not_fit_is_refused() {
         headers: &mut memory.headers,
         node_tiles: &mut memory.node_tiles,
         directory: &mut memory.directory,
+        ages: &mut [],
     };
     assert_eq!(DistributedMap::new(&CONFIG, lent).unwrap_err(), MapMemoryError::Directory(15));
     assert_eq!(Window::new(&mut [TileId::NONE; 8]).unwrap_err(), WindowMemoryError(8));

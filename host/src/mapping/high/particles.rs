@@ -46,6 +46,7 @@ const DRIFT_SIGMAS: f32 = 0.2;
 pub fn filter_config(slam: &SlamConfig) -> LowSlamConfigs {
     LowSlamConfigs {
         filter: LowSlamConfig { particles: PARTICLES, samples_per_particle: SAMPLES_PER_PARTICLE },
+        closes_loops: false,
         perception: PerceptionConfig { sigma_m: SIGMA_M, gain: GAIN, ..slam.perception },
         ..slam.low_slam()
     }

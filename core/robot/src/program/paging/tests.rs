@@ -48,6 +48,7 @@ impl OneMap {
             headers: leak(TileHeader::FREE, tiles),
             node_tiles: leak(TileId::NONE, 2),
             directory: leak(TileId::NONE, 256),
+            ages: &mut [],
         };
         let map = DistributedMap::new(&CONFIG, memory).unwrap();
         let tree = Ancestry::new(leak(Node::FREE, 2)).unwrap();
