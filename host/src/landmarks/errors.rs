@@ -8,7 +8,7 @@ use lrfslam_core::landmark::sight::Sensor;
 use nalgebra::Vector2;
 use serde::Serialize;
 
-use super::{Drive, MapLandmark, What};
+use super::{Drive, Estimate, MapLandmark, What};
 use crate::pose_f64::PoseF64;
 use crate::trajectory::TimedPose;
 
@@ -100,7 +100,8 @@ fn by_identity(drive: &Drive, landmarks: &[MapLandmark]) -> Vec<Pair> {
 /// Median distance between a range as seen and as path and map expect it, m: how well a run fits its own data, without any truth.
 ///
 /// * of sightings with the identity of a landmark in the map; the sensor is where the configuration has it
-pub fn range_misfit(drive: &Drive, path: &[TimedPose], landmarks: &[MapLandmark]) -> Option<f64> {
+pub fn range_misfit(drive: &Drive, estimate: &Estimate) -> Option<f64> {
+    let (path, landmarks) = (estimate.best_path(), &estimate.landmarks);
     let sensor = Sensor::new(&drive.config);
     let mut misfits: Vec<f64> = Vec::new();
     for event in &drive.events {

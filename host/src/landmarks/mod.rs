@@ -4,6 +4,7 @@
 //! [`mod@output`].
 
 pub mod errors;
+pub mod hindsight;
 pub mod laser;
 pub mod mrclam;
 pub mod output;

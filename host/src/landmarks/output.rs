@@ -38,9 +38,9 @@ pub struct LandmarkReport {
     pub distance_scale: f64,
     /// True over reported turn, as estimated.
     pub turn_scale: f64,
-    /// Errors of the path as it is believed at the end (trajectory.tum), and of the landmarks.
+    /// Errors of path and landmarks as they are believed at the end (trajectory.tum, landmarks.csv).
     pub errors: LandmarkErrors,
-    /// Errors of the path as it was believed on the way (online.tum).
+    /// Errors of the path as it was believed on the way (online.tum), and of the landmarks as the filter has them.
     pub online: LandmarkErrors,
     /// Median distance between ranges as seen and as path and map at the end expect them, m; needs identities, but no truth.
     pub range_misfit_m: Option<f64>,
@@ -92,8 +92,8 @@ impl LandmarkReport {
             distance_scale: estimate.distance_scale,
             turn_scale: estimate.turn_scale,
             errors: errors(drive, estimate.best_path(), &estimate.landmarks),
-            online: errors(drive, &estimate.online, &estimate.landmarks),
-            range_misfit_m: range_misfit(drive, estimate.best_path(), &estimate.landmarks),
+            online: errors(drive, &estimate.online, &estimate.online_landmarks),
+            range_misfit_m: range_misfit(drive, estimate),
             controls: run.controls,
             batches: run.batches,
             wall_s: run.wall_s,

@@ -9,6 +9,7 @@ use lrfslam_core::time::Instant;
 use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
 
+use super::hindsight::hindsight;
 use super::smooth::smoothed;
 use super::{Drive, What};
 use crate::pose_f64::PoseF64;
@@ -35,7 +36,7 @@ pub enum Filter {
 pub struct MapLandmark {
     /// Which one it is of all that an EKF began.
     pub number: u16,
-    /// What the sensor calls it.
+    /// What the sensor calls it; none if association is unknown, for others may have been taken for it.
     pub identity: Option<u16>,
     /// Sightings that were used.
     pub sightings: u16,
@@ -52,8 +53,10 @@ pub struct Estimate {
     pub online: Vec<TimedPose>,
     /// Poses as they are believed at the end, smoothed in the map; with FastSLAM and unknown association, those of the heaviest particle.
     pub path: Vec<TimedPose>,
-    /// Landmarks.
+    /// Landmarks as they are believed at the end, fitted together with the path; as the filter has them, where `path` is not smoothed.
     pub landmarks: Vec<MapLandmark>,
+    /// Landmarks as the filter has them.
+    pub online_landmarks: Vec<MapLandmark>,
     /// True over reported distance.
     pub distance_scale: f64,
     /// True over reported turn.
@@ -131,8 +134,13 @@ pub fn run(
     let robot = state.slam.robot();
     (run.estimate.distance_scale, run.estimate.turn_scale) = (robot[3], robot[4]);
     run.estimate.landmarks = state.slam.landmarks();
-    let smoothed = told.smoothed(drive, config, filter, &run.estimate.landmarks);
-    run.estimate.path = smoothed.unwrap_or_else(|| state.paths.of(&state.slam));
+    if config.association != Association::Known {
+        run.estimate.landmarks.iter_mut().for_each(|landmark| landmark.identity = None);
+    }
+    run.estimate.online_landmarks.clone_from(&run.estimate.landmarks);
+    if !told.look_back(drive, config, filter, &mut run.estimate) {
+        run.estimate.path = state.paths.of(&state.slam);
+    }
     Some(run)
 }
 
@@ -144,20 +152,26 @@ struct Told {
 }
 
 impl Told {
-    /// The path in the final map; `None` if the drive was not at its end, or nobody knows what sightings were taken for: without identities,
+    /// Path and landmarks in hindsight: the path in the filter's map, then both together, then the path in the map found so.
+    ///
+    /// False, and nothing has changed, if the drive was not at its end, or nobody knows what sightings were taken for: without identities,
     /// FastSLAM's particles choose each for itself.
-    fn smoothed(
-        &self,
-        drive: &Drive,
-        config: &LandmarkConfig,
-        filter: Filter,
-        map: &[MapLandmark],
-    ) -> Option<Vec<TimedPose>> {
+    fn look_back(&self, drive: &Drive, config: &LandmarkConfig, filter: Filter, estimate: &mut Estimate) -> bool {
         let is_known = config.association == Association::Known;
         let is_told = is_known || filter == Filter::Ekf;
-        let is_whole = !map.is_empty() && self.states.len() == drive.events.len();
+        let is_whole = !estimate.landmarks.is_empty() && self.states.len() == drive.events.len();
+        if !(is_told && is_whole) {
+            return false;
+        }
         let fates = (!is_known).then_some(&self.fates[..]);
-        (is_told && is_whole).then(|| thinned(smoothed(drive, config, map, &self.states, fates)))
+        let mut path = smoothed(drive, config, &estimate.landmarks, &self.states, fates);
+        if let Some(found) = hindsight(drive, config, &estimate.landmarks, &path, fates) {
+            estimate.landmarks = found;
+            path = smoothed(drive, config, &estimate.landmarks, &path, fates);
+        }
+        let stamps = drive.events.iter().map(|event| event.stamp);
+        estimate.path = thinned(stamps.zip(&path).map(|(stamp, robot)| timed(stamp, robot)).collect());
+        true
     }
 }
 

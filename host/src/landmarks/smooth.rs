@@ -9,12 +9,9 @@ use lrfslam_core::landmark::travel::{Travel, start_covariance};
 use lrfslam_core::landmark::{
     Fate, LandmarkConfig, ROBOT, RobotCovariance, RobotState, Sighting, chi_squared, wrap_angle,
 };
-use lrfslam_core::time::Instant;
 use nalgebra::{SMatrix, Vector2};
 
 use super::{Drive, MapLandmark, What};
-use crate::pose_f64::PoseF64;
-use crate::trajectory::TimedPose;
 
 /// Times that the path is linearised anew.
 const ITERATIONS: usize = 3;
@@ -42,7 +39,7 @@ pub fn smoothed(
     map: &[MapLandmark],
     online: &[RobotState],
     fates: Option<&[Vec<Fate>]>,
-) -> Vec<TimedPose> {
+) -> Vec<RobotState> {
     let smoother = Smoother { config, sensor: Sensor::new(config), map, fates };
     let mut about = online.to_vec();
     for _ in 0..ITERATIONS {
@@ -52,12 +49,7 @@ pub fn smoothed(
         }
         about = next;
     }
-    let stamps = drive.events.iter().map(|event| event.stamp);
-    let pose = |(stamp, robot): (Instant, &RobotState)| TimedPose {
-        stamp,
-        map_from_robot: PoseF64::new(robot[0], robot[1], robot[2]).to_f32(),
-    };
-    stamps.zip(&about).map(pose).collect()
+    about
 }
 
 struct Smoother<'a> {
@@ -93,27 +85,13 @@ impl Smoother<'_> {
                 let t = event.stamp.as_secs_f64();
                 let at = about.get(index).copied().unwrap_or(robot);
                 for (place, sighting) in sightings.iter().enumerate() {
-                    let Some(landmark) = self.landmark_of(sighting, (index, place)) else { continue };
+                    let Some(landmark) = landmark_of(self.map, self.fates, sighting, (index, place)) else { continue };
                     self.correct(&mut robot, &mut covariance, (sighting, landmark), &at, (t, &mut seen_s));
                 }
             }
             steps.push(Step { predicted, filtered: (robot, covariance), jacobian });
         }
         steps
-    }
-
-    /// Which landmark of the map a sighting is of: as the filter took it, not chosen anew.
-    fn landmark_of(&self, sighting: &Sighting, (event, place): (usize, usize)) -> Option<usize> {
-        let Some(fates) = self.fates else {
-            let identity = sighting.identity?;
-            return self.map.iter().position(|landmark| landmark.identity == Some(identity));
-        };
-        match fates.get(event)?.get(place)? {
-            Fate::Matched(number) | Fate::Began(number) => {
-                self.map.iter().position(|landmark| landmark.number == *number)
-            }
-            Fate::Refused | Fate::Full => None,
-        }
     }
 
     fn correct(
@@ -159,6 +137,23 @@ impl Smoother<'_> {
         let off = innovation(sighting, &view) - by_robot * difference(robot, about);
         let s = by_robot * covariance * by_robot.transpose() + self.sensor.noise_of(sighting, view.seen.x, since_s);
         Some((Vector2::new(off.x, wrap_angle(off.y)), by_robot, s))
+    }
+}
+
+/// Which landmark of the map a sighting is of: as the filter took it, not chosen anew.
+pub(super) fn landmark_of(
+    map: &[MapLandmark],
+    fates: Option<&[Vec<Fate>]>,
+    sighting: &Sighting,
+    (event, place): (usize, usize),
+) -> Option<usize> {
+    let Some(fates) = fates else {
+        let identity = sighting.identity?;
+        return map.iter().position(|landmark| landmark.identity == Some(identity));
+    };
+    match fates.get(event)?.get(place)? {
+        Fate::Matched(number) | Fate::Began(number) => map.iter().position(|landmark| landmark.number == *number),
+        Fate::Refused | Fate::Full => None,
     }
 }
 

@@ -46,6 +46,32 @@ fn both_filters_map_a_simulated_drive() {
     }
 }
 
+/// Particles leave different maps; fitted with the path over the whole drive they become one, as near to the truth as its covariances say.
+#[test]
+fn the_map_in_hindsight_does_not_depend_on_the_particles() {
+    let drive = simulated::drive(30, 2);
+    let filter = Filter::Fastslam { particles: 60 };
+    let of = |seed| run(&drive, &drive.config, filter, 40, seed, |_, _| true).unwrap().estimate;
+    let (one, other) = (of(1), of(2));
+    let place = |map: &[MapLandmark], identity| map.iter().find(|l| l.identity == identity).map(|l| l.at).unwrap();
+    let apart = |a: &[MapLandmark], b: &[MapLandmark]| {
+        a.iter().map(|l| (l.at - place(b, l.identity)).norm()).fold(0.0, f64::max)
+    };
+    let online = apart(&one.online_landmarks, &other.online_landmarks);
+    let at_the_end = apart(&one.landmarks, &other.landmarks);
+    let squared = |landmark: &MapLandmark| {
+        let truth = drive.landmarks.iter().find(|truth| Some(truth.identity) == landmark.identity).unwrap();
+        let off = landmark.at - nalgebra::Vector2::new(truth.x, truth.y);
+        off.dot(&(landmark.covariance.try_inverse().unwrap() * off))
+    };
+    let mean = one.landmarks.iter().map(squared).sum::<f64>() / one.landmarks.len() as f64;
+    println!(
+        "apart: {online:.3} m by the filter, {at_the_end:.5} m at the end; squared errors over covariance {mean:.2}"
+    );
+    assert!(online > 0.01 && at_the_end < 0.005, "{online} {at_the_end}");
+    assert!((0.2..8.0).contains(&mean), "{mean}");
+}
+
 /// Bounds of the path as it is believed at the end, and of the landmarks. Nothing is calibrated: the cameras' scale is in the landmarks' errors.
 #[test]
 fn an_ekf_maps_mrclam() {

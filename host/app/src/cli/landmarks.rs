@@ -198,17 +198,17 @@ impl DriveArgs {
 
     fn table(&self, drive: &Drive, config: &LandmarkConfig, filter: Filter, seeds: u64) -> Result<(), Failure> {
         let mut text = String::from(
-            "| seed | path, online, m | path, at the end, m | landmarks, m | found | false |\n|---|---|---|---|---|---|\n",
+            "| seed | path, online, m | path, at the end, m | landmarks, filter's, m | landmarks, at the end, m | found | false |\n|---|---|---|---|---|---|---|\n",
         );
         for seed in 1..=seeds {
             let room = usize::from(self.landmarks_max);
             let done = run_filter(drive, config, filter, room, seed, |_, _| true).ok_or_else(no_memory)?;
             let report = LandmarkReport::new(drive, config, filter, seed, &done);
             let (end, way) = (&report.errors, &report.online);
-            let [path, online, landmarks] =
-                [end.path_rmse_m, way.path_rmse_m, end.landmarks_rmse_m].map(|error| metres(error, 3));
+            let errors = [way.path_rmse_m, end.path_rmse_m, way.landmarks_rmse_m, end.landmarks_rmse_m];
+            let [online, path, filters, landmarks] = errors.map(|error| metres(error, 3));
             let (found, wrong) = (end.landmarks_found, end.landmarks_false);
-            let _ = writeln!(text, "| {seed} | {online} | {path} | {landmarks} | {found} | {wrong} |");
+            let _ = writeln!(text, "| {seed} | {online} | {path} | {filters} | {landmarks} | {found} | {wrong} |");
         }
         super::print(&text)
     }
@@ -243,8 +243,12 @@ fn summary(report: &LandmarkReport, folder: &Path) -> String {
     }
     if let Some(landmarks) = report.errors.landmarks_rmse_m {
         let errors = &report.errors;
+        let online = metres(report.online.landmarks_rmse_m, 3);
         let (found, wrong) = (errors.landmarks_found, errors.landmarks_false);
-        let _ = writeln!(text, "landmarks: root mean square error {landmarks:.3} m; {found} found, {wrong} false");
+        let _ = writeln!(
+            text,
+            "landmarks: root mean square error {online} m by the filter, {landmarks:.3} m at the end; {found} found, {wrong} false"
+        );
     }
     let _ = writeln!(text, "results in {}", folder.display());
     text
