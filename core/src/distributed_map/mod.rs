@@ -24,6 +24,7 @@
 //!
 //! The figures of a tile of 16 × 16 squares: 512 bytes and a header of 20; of 8 × 8: 128 and 20.
 
+mod ages;
 mod exchange;
 mod look_up;
 mod print;
@@ -32,13 +33,12 @@ mod square;
 mod tiles;
 mod window;
 
+pub use ages::TileAge;
 pub use exchange::{HeldTile, Restored};
 pub use print::{Print, PrintReport};
 pub use region::Region;
 pub use square::{DISTANCE_UNITS, Square};
-pub use tiles::{
-    DistributedMap, MapMemory, MapMemoryError, PoolFullError, Tile, TileAge, TileHeader, TileId, TilePlace,
-};
+pub use tiles::{DistributedMap, MapMemory, MapMemoryError, PoolFullError, Tile, TileHeader, TileId, TilePlace};
 pub use window::{MapView, Window, WindowFrame, WindowMemoryError};
 
 crate::config! {

@@ -3,7 +3,7 @@
 use crate::ancestry::{Ancestry, NodeId, NodeObserver};
 use crate::geometry::Point2;
 
-use super::{ParticleMapConfig, Square};
+use super::{ParticleMapConfig, Square, TileAge};
 
 /// Name of a tile; 0 is none, so that zeroed memory is an empty pool.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -74,23 +74,6 @@ impl TileHeader {
     };
 }
 
-/// When a tile was drawn, by the way that the robot has made. All zero when new.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct TileAge {
-    /// Last, dm.
-    drawn_dm: u32,
-    /// It holds what was drawn long before that.
-    is_old: bool,
-}
-
-impl TileAge {
-    /// Of a tile that nobody has drawn.
-    pub const NEW: Self = Self { drawn_dm: 0, is_old: false };
-}
-
-/// What was not drawn for so much way is old ground, dm: then the robot has been elsewhere. Chosen: two and a half times as far as rays are believed there.
-const OLD_AFTER_DM: u32 = 200;
-
 /// Memory that a [`DistributedMap`] lives in, lent by the caller.
 #[derive(Debug)]
 pub struct MapMemory<'m, const SIDE: usize> {
@@ -149,9 +132,9 @@ pub struct DistributedMap<'m, const SIDE: usize> {
     pub(super) reserve: u32,
     /// Tiles of the reserve that hold something; they are not among those used.
     pub(super) held: u32,
-    ages: &'m mut [TileAge],
+    pub(super) ages: &'m mut [TileAge],
     /// Way so far.
-    way_dm: u32,
+    pub(super) way_dm: u32,
 }
 
 impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
@@ -268,33 +251,6 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
         row.and_then(|row| row.get(x)).copied().unwrap_or_default()
     }
 
-    /// The robot has made so much way, m.
-    pub(crate) fn pass(&mut self, way_m: f32) {
-        self.way_dm = (10.0 * way_m) as u32;
-    }
-
-    /// True if a tile holds what was drawn before the robot went elsewhere. Free space is drawn no more once it is certain, and so becomes old.
-    #[inline]
-    pub(super) fn is_old(&self, id: TileId) -> bool {
-        let age = self.ages.get(id.index()).copied().filter(|_| id != TileId::NONE);
-        age.is_some_and(|age| age.is_old || self.way_dm.saturating_sub(age.drawn_dm) >= OLD_AFTER_DM)
-    }
-
-    /// A tile is drawn into now.
-    #[inline]
-    pub(super) fn touch(&mut self, id: TileId) {
-        if !self.ages.is_empty() {
-            let age = TileAge { drawn_dm: self.way_dm, is_old: self.is_old(id) };
-            self.set_age(id, age);
-        }
-    }
-
-    fn set_age(&mut self, id: TileId, age: TileAge) {
-        if let Some(place) = self.ages.get_mut(id.index()) {
-            *place = age;
-        }
-    }
-
     /// Changes square (`x`, `y`) of a tile.
     #[inline(always)]
     pub(super) fn set_square(&mut self, id: TileId, x: usize, y: usize, square: Square) {
@@ -311,8 +267,7 @@ impl<'m, const SIDE: usize> DistributedMap<'m, SIDE> {
         }
         let seen = self.tiles.get(base.index()).cloned().unwrap_or(Tile::UNSEEN);
         let id = self.put(seen, place)?;
-        let age = self.ages.get(base.index()).copied().filter(|_| base != TileId::NONE);
-        self.set_age(id, age.unwrap_or(TileAge { drawn_dm: self.way_dm, is_old: false }));
+        self.inherit_age(id, base);
         self.edit(id, |header| header.base = base);
         self.edit(base, |header| header.covered_by += 1);
         self.link(id, owner);
