@@ -29,7 +29,7 @@ crate::config_choice! {
     pub enum Reference {
         /// The previous scan alone (the thesis).
         PreviousScan = "previous-scan",
-        /// The scans of the last 60 m together. With particles, they hold the robot on older ground, each by its own map.
+        /// The scans of the last 60 m together. Particles close loops then, each in its own map.
         RecentScans = "recent-scans",
         /// Everything seen so far.
         WholeMap = "whole-map",

@@ -1,6 +1,5 @@
 //! The configuration of mapping: that of SLAM, and what a computer does besides.
 
-use lrfslam_core::laser_odometry::Reference;
 use lrfslam_core::low_slam::LowSlamConfigs;
 use lrfslam_core::slam::SlamConfig;
 
@@ -12,8 +11,7 @@ use crate::places::ClosureConfig;
 lrfslam_core::config! {
     /// Levels of SLAM.
     pub struct HierarchyConfig {
-        /// 0: scan matching alone. 1: particles over whole maps, DP-SLAM's low level, which close loops by
-        /// their own maps (unless closure.enabled = false). 2: loops closed between segments of its path.
+        /// 0: scan matching alone. 1: particles over whole maps, DP-SLAM's low level. 2: loops closed between segments of its path.
         levels: u16 = 2, in 0..=2;
         /// What closes loops at level 2. The thesis: "particles".
         closing: Closing = Closing::Graph;
@@ -54,18 +52,8 @@ impl MappingConfig {
         match self.hierarchy.levels {
             0 => MapperMemory::of_matching(&self.slam, &self.memory),
             2 if self.high.feedback => MapperMemory::of_two_maps(&self.slam, &self.memory, threads),
-            _ => MapperMemory::of_particles(&self.low_level(), &self.memory, threads),
+            _ => MapperMemory::of_particles(&self.slam, &self.memory, threads),
         }
-    }
-
-    /// What the low level works with. At one level the particles close loops: matching knows the recent scans alone, unless it is to know less.
-    pub fn low_level(&self) -> SlamConfig {
-        let mut slam = self.slam;
-        let alone = self.hierarchy.levels == 1 && self.closure.enabled;
-        if alone && slam.odometry.reference == Reference::WholeMap {
-            slam.odometry.reference = Reference::RecentScans;
-        }
-        slam
     }
 
     /// The part that the high level works with.

@@ -106,7 +106,7 @@ impl<'m> MapRun<'m> {
         let RunMemory { mapper, high } = memory;
         let particles = config.high_particles().zip(high.as_mut());
         let particles = particles.map(|(filter, pools)| HighParticles::new(&filter, seed, pools)).transpose()?;
-        Ok(Self::with(config, seed, particles, Mapper::new(&config.low_level(), seed, mapper)?))
+        Ok(Self::with(config, seed, particles, Mapper::new(&config.slam, seed, mapper)?))
     }
 
     /// Maps one scan. A scan that cannot be believed is not drawn.

@@ -1,6 +1,7 @@
 //! A robot comes back to its start after 125 m (thesis figure 3.11): the high level closes the loop.
 
 use lrfslam_app::config::RunConfig;
+use lrfslam_core::laser_odometry::Reference;
 use lrfslam_core::time::Duration;
 use lrfslam_firmware_sim::log::{LogFiles, LogPlan, Pace, write_log};
 use lrfslam_firmware_sim::lrf_model::{LrfErrors, LrfModel};
@@ -86,6 +87,7 @@ fn map_by_one_level(particles: u16, seed: u64, threads: usize, drive: &Drive) ->
     let (scans, truth) = drive;
     let mut config = RunConfig::default();
     config.hierarchy.levels = 1;
+    config.odometry.reference = Reference::RecentScans;
     config.particles.particles = particles;
     let mapping = config.mapping();
     let mut memory = RunMemory::new(&mapping, threads);
