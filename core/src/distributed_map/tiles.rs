@@ -85,7 +85,7 @@ pub struct MapMemory<'m, const SIDE: usize> {
     pub node_tiles: &'m mut [TileId],
     /// Finds the root's tiles by place: 4ⁿ entries, about as many as tiles; fewer only cost time.
     pub directory: &'m mut [TileId],
-    /// One for each tile where particles are to know [old ground](DistributedMap::is_old); else empty.
+    /// One for each tile where particles are to know old ground (what was drawn before the robot went elsewhere); else empty.
     pub ages: &'m mut [TileAge],
 }
 

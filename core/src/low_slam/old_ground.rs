@@ -1,13 +1,11 @@
 //! A particle that comes back to old ground is matched against its own map there (Grisetti, Stachniss & Burgard 2007), and weighed by it.
 //!
-//! Rays that end near → those whose end lies on [old ground](DistributedMap::is_old) → a climb of the pose, within a small reach → pose and
+//! Rays that end near → those whose end lies on old ground → a climb of the pose, within a small reach → pose and
 //! evidence. On new ground nothing happens: what the last scans have seen, matching has used up already, and weights that
 //! come of it would only use up the particles' variety before the loop closes.
 //!
 //! Departures from the source: the climb stays where it is unless the map says clearly something else, since squares are coarser than the matcher's
 //! cells. A particle's weight is that of the pose found, without the integral over its neighbourhood.
-//!
-//! [`DistributedMap::is_old`]: crate::distributed_map::DistributedMap
 
 use crate::distributed_map::MapView;
 use crate::geometry::{Point2, Pose2};
