@@ -99,7 +99,8 @@ impl LaserOdometry<'_> {
         let Self { ndt, key_points, key_scans, way_m, .. } = self;
         let room = key_points.len().checked_div(key_scans.len()).unwrap_or(0).max(1);
         let behind = *way_m - RECENT_WAY_M;
-        for (key, memory) in key_scans.iter_mut().zip(key_points.chunks(room)).filter(|(key, _)| key.way_m < behind) {
+        for (index, key) in key_scans.iter_mut().enumerate().filter(|(_, key)| key.way_m < behind) {
+            let memory = key_points.get(index * room..).unwrap_or_default();
             key.remove_from(ndt, memory, reference);
         }
     }

@@ -22,6 +22,7 @@
 //! gives the same bytes.
 
 mod memory;
+#[cfg(feature = "old-ground")]
 mod old_ground;
 mod pools;
 mod restart;
@@ -337,6 +338,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             ancestry: &self.ancestry,
             particles: self.particles.get(..self.particle_count).unwrap_or_default(),
             rays: self.rays.get(first_ray.min(self.ray_count)..self.ray_count).unwrap_or_default(),
+            #[cfg(feature = "old-ground")]
             all_rays: self.rays.get(..self.ray_count).unwrap_or_default(),
             closes_loops: self.config.closes_loops,
             model: &self.model,
@@ -370,7 +372,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
     fn frame(&self) -> WindowFrame {
         let longest = self.rays.iter().take(self.ray_count).map(|ray| ray.length_m).fold(0.0, f32::max);
         let squares = 2.0 * self.config.map.square_size_m;
-        let beyond = self.model.reach_m().max(if self.config.closes_loops { old_ground::REACH_M } else { 0.0 });
+        let beyond = self.model.reach_m().max(self.old_ground_reach_m());
         let reach = longest + beyond + self.particle_from_lrf.position().norm() + squares;
         let (mut low, mut high) = (Point2::new(f32::MAX, f32::MAX), Point2::new(f32::MIN, f32::MIN));
         for pose in self.samples().iter().map(|sample| sample.map_from_robot).filter(|pose| pose.is_finite()) {

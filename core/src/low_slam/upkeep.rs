@@ -233,6 +233,15 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         self.map.pass(self.way_m);
     }
 
+    /// How far beyond a ray's end old ground is looked at, m.
+    pub(super) fn old_ground_reach_m(&self) -> f32 {
+        #[cfg(feature = "old-ground")]
+        if self.config.closes_loops {
+            return super::old_ground::REACH_M;
+        }
+        0.0
+    }
+
     fn population(&mut self) -> Population<'_, 'm, SIDE> {
         Population {
             particles: self.particles.get_mut(..self.particle_count).unwrap_or_default(),

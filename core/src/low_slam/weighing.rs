@@ -9,6 +9,7 @@ use crate::particles::{Particle, Sample};
 use crate::perception::PerceptionModel;
 use crate::rays::Ray;
 
+#[cfg(feature = "old-ground")]
 use super::old_ground::OldGround;
 
 /// A step's work of weighing: shared by all threads, changes nothing but the samples given to it.
@@ -18,6 +19,7 @@ pub struct Weighing<'a, 'm, const SIDE: usize> {
     pub(super) ancestry: &'a Ancestry<'m>,
     pub(super) particles: &'a [Particle],
     pub(super) rays: &'a [Ray],
+    #[cfg(feature = "old-ground")]
     pub(super) all_rays: &'a [Ray],
     pub(super) closes_loops: bool,
     pub(super) model: &'a PerceptionModel,
@@ -79,12 +81,17 @@ impl<const SIDE: usize> Weighing<'_, '_, SIDE> {
         }
     }
 
+    /// Without the feature `old-ground`, all ground is new.
+    #[cfg_attr(not(feature = "old-ground"), allow(unused_variables, clippy::unused_self))]
     fn place_on_old_ground(&self, view: MapView<'_, '_, SIDE>, sample: &mut Sample) {
-        let Self { all_rays: rays, particle_from_lrf, .. } = *self;
-        let ground = OldGround { view, rays, particle_from_lrf, square_size_m: self.map.square_size_m() };
-        if let Some(placed) = ground.place(sample.map_from_robot) {
-            sample.map_from_robot = placed.map_from_robot;
-            sample.log_weight += placed.log_likelihood;
+        #[cfg(feature = "old-ground")]
+        {
+            let Self { all_rays: rays, particle_from_lrf, .. } = *self;
+            let ground = OldGround { view, rays, particle_from_lrf, square_size_m: self.map.square_size_m() };
+            if let Some(placed) = ground.place(sample.map_from_robot) {
+                sample.map_from_robot = placed.map_from_robot;
+                sample.log_weight += placed.log_likelihood;
+            }
         }
     }
 
