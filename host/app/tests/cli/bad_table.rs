@@ -126,7 +126,9 @@ fn first_words(said: &str) -> String {
     }
     let text = words.join(" ").replace('|', "/").replace('`', "'");
     let short: String = text.chars().take(180).collect();
-    if short.len() < text.len() { short + "…" } else { short }
+    let short = if short.len() < text.len() { short + "…" } else { short };
+    // A page of the book takes what stands in angles for HTML.
+    short.replace('<', "\\<")
 }
 
 /// Runs a line, with a place for its results if it takes one: exit code and all that it said.
