@@ -120,5 +120,5 @@ fn a_laser_elsewhere_is_refused_and_stays_recorded() {
     let (code, _, stderr) = run(folder, &["localize", "--map", "visit"]);
     assert!(code == 2 && stderr.contains("required arguments were not provided"), "{stderr}");
     let (code, _, stderr) = run(folder, &["localize", "--lrf", "hokuyo", "--map", "visit"]);
-    assert!(code == 2 && stderr.contains("--port <DEV>"), "{stderr}");
+    assert!(code == 2 && stderr.contains("--port is missing"), "{stderr}");
 }
