@@ -89,6 +89,8 @@ struct Dialogue<'a> {
     packet_at: Instant,
     /// From one packet to the next, degrees; 0 if it is not known.
     span_deg: f32,
+    /// Packets in a row that did not fit it.
+    misfits: u8,
     /// The packets' beat, once it is found.
     beat: Option<BeatClock>,
     finder: BeatFinder,
@@ -109,6 +111,7 @@ impl<'a> RplidarDriver<'a> {
             previous_end: Instant::default(),
             packet_at: Instant::default(),
             span_deg: 0.0,
+            misfits: 0,
             beat: None,
             finder: BeatFinder::default(),
             unchecked: false,

@@ -142,8 +142,8 @@ impl File {
     /// The table whose tree begins at page `root`.
     fn table(&mut self, root: u64) -> Cursor {
         let mut cursor = Cursor { stack: Vec::new(), budget: self.pages };
-        // What cannot be read is found out by the first row.
-        let page = self.page(root).unwrap_or(Page { number: root, bytes: Vec::new(), head: 0 });
+        // What cannot be read is found out by the first row; such a page has no place in the file.
+        let page = self.page(root).unwrap_or(Page { number: 0, bytes: Vec::new(), head: 0 });
         cursor.stack.push((page, 0));
         cursor
     }

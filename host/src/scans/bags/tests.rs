@@ -79,3 +79,21 @@ fn what_is_no_bag_is_refused() {
         assert!(matches!(bag.take(), Taken::Cut | Taken::End), "{magic:?}");
     }
 }
+
+/// A table's first page beyond the end of the file, and far beyond: damage is said, and reading ends.
+#[test]
+fn a_table_that_begins_nowhere_is_damaged() {
+    let golden = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/tests/golden/bags/ros2.db3");
+    let Ok(file) = std::fs::read(golden) else { return println!("skipped: no {golden}") };
+    // In the list of tables: its name twice, then the number of its first page, a byte.
+    let name = b"messagesmessages";
+    let root = file.windows(name.len()).position(|window| window == name).expect("a table of messages") + name.len();
+    for page in [0, 0x7f, 0xff] {
+        let mut file = file.clone();
+        file[root] = page;
+        let mut bag = Bag::from_reader(Cursor::new(file), None).expect("a bag so far");
+        let fault = bag.take();
+        assert!(matches!(fault, Taken::Damaged(..)), "{page}");
+        assert!(matches!(bag.take(), Taken::Cut), "{page}");
+    }
+}

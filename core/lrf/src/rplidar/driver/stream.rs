@@ -10,6 +10,8 @@ use lrfslam_scan::time::{Duration, Instant};
 
 /// Half a turn of the fastest motor: after a longer loss nobody knows how often it turned meanwhile.
 const HALF_A_TURN: Duration = Duration::from_millis(33);
+/// After so many packets in a row that do not fit, a second's, the first one was no measure: no motor changes that fast.
+const MISFITS: u8 = 100;
 /// In the sample mode angles grow from one sample to the next, by no more than this; a little less for their errors, degrees.
 const SAMPLE_STEP_DEG: core::ops::Range<f32> = -3.0..12.0;
 /// A turn starts within this of straight ahead, degrees.
@@ -20,7 +22,7 @@ impl Dialogue<'_> {
         self.beat = None;
         self.finder = Default::default();
         self.last_sample_deg = None;
-        self.span_deg = 0.0;
+        (self.span_deg, self.misfits) = (0.0, 0);
         self.base.begin_streaming(now, self.base.baud, self.base.identity.turn, wait);
     }
 
@@ -59,10 +61,13 @@ impl Dialogue<'_> {
     fn follows(&mut self, previous: &Capsule, capsule: &Capsule, pause: Duration) -> bool {
         let span_deg = previous.span_deg(capsule);
         let usual_deg = self.span_deg;
-        let tolerance = if pause.micros > HALF_A_TURN.micros { 1.05 } else { 1.5 };
+        let tolerance = if pause.micros > HALF_A_TURN.micros { 1.02 } else { 1.5 };
         let fits = usual_deg <= 0.0 || (usual_deg / tolerance..usual_deg * tolerance).contains(&span_deg);
-        // One that never fits again has another speed.
-        self.span_deg = if fits { span_deg } else { usual_deg + 0.2 * (span_deg - usual_deg) };
+        self.misfits = if fits { 0 } else { self.misfits.saturating_add(1) };
+        // Losses say nothing of the speed: it is kept, so that several of them never make another one usual.
+        if fits || self.misfits >= MISFITS {
+            self.span_deg = span_deg;
+        }
         fits
     }
 

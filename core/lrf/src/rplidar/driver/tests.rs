@@ -230,6 +230,15 @@ fn packet_lost_without_a_trace_makes_no_wrong_beam() {
     assert_eq!(turns_through(|index, packet| if index == 100 { Vec::new() } else { packet.to_vec() }), (31, 0));
 }
 
+/// Every other packet, for a while: what is missing between those that come is not taken for the motor's speed.
+#[test]
+fn packets_lost_one_after_the_other_make_no_wrong_beam() {
+    let lossy = |index: usize, packet: &[u8]| {
+        if (100..140).contains(&index) && index % 2 == 1 { Vec::new() } else { packet.to_vec() }
+    };
+    assert_eq!(turns_through(lossy), (28, 0));
+}
+
 /// The sum of exclusive ors is right if the last byte, which the doubled one pushes out, is the same.
 #[test]
 fn doubled_byte_that_the_sum_does_not_see_makes_no_wrong_beam() {
