@@ -11,7 +11,7 @@ use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_host::mapping::saved_map::SavedMap;
 use lrfslam_host::robot::{ClientMemory, JOURNAL, Journal, Judge, RobotClient, RobotEvent, RobotMap, Sweeps};
-use lrfslam_host::scans::bags::{Bag, Taken};
+use lrfslam_host::scans::bags::{Bag, Taken, TfWanted};
 use lrfslam_host::scans::log::{LogOptions, LogReader};
 use lrfslam_host::scans::mcap::RawBytes;
 use lrfslam_host::scans::recording::RecordingReader;
@@ -45,9 +45,11 @@ pub fn logs(bytes: &[u8]) {
     assert!(reader.map_or(0, |reader| reader.take(10_000).count()) <= 10_000);
 }
 
-/// A bag of any kind; and, of MCAP, the bytes of a laser in it.
+/// A bag of any kind, with its frames; and, of MCAP, the bytes of a laser in it.
 pub fn bags(bytes: &[u8]) {
     if let Ok(mut bag) = Bag::from_reader(Cursor::new(bytes.to_vec()), None) {
+        let wanted = TfWanted { odometry_frame: Some("odom"), mounting: true, robot_frame: None };
+        let _ = bag.find_frames_in(Cursor::new(bytes.to_vec()), &wanted);
         let mut taken = 0;
         while !matches!(bag.take(), Taken::End) && taken < 10_000 {
             taken += 1;

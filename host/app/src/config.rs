@@ -21,6 +21,7 @@ use lrfslam_host::mapping::{HierarchyConfig, MappingConfig, MemoryConfig};
 use lrfslam_host::maps::occupancy::MapConfig;
 use lrfslam_host::places::ClosureConfig;
 use lrfslam_host::runs::robot::RobotSetup;
+use lrfslam_host::scans::bags::TfWanted;
 use lrfslam_host::scans::log::LogOptions;
 
 lrfslam_core::config! {
@@ -266,6 +267,7 @@ impl RunConfig {
             robot_from_lrf: (!self.mounting.from_log).then(|| self.robot_from_lrf()),
             scan_interval: Duration::from_micros((self.log.untimed_scan_interval_s * 1e6) as i64),
             topic: None,
+            tf: TfWanted::default(),
         }
     }
 

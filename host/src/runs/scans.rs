@@ -49,9 +49,9 @@ impl Scans {
     ///
     /// # Errors
     /// If there is none, or no scan of a log can be read.
-    pub fn open(path: &Path, options: LogOptions, stop: &'static AtomicBool, say: Say) -> anyhow::Result<Self> {
-        let is_piped = is_stdin(path);
-        if path.is_dir() && path.join(RECORDING).is_file() {
+    pub fn open(path: &Path, options: LogOptions, stop: &'static AtomicBool, mut say: Say) -> anyhow::Result<Self> {
+        let (is_piped, file) = (is_stdin(path), path.display().to_string());
+        if path.is_dir() && path.join(RECORDING).is_file() && !options.tf.is_any() {
             return Self::replay(path, true, stop, say);
         }
         let reader = if is_piped {
@@ -60,11 +60,13 @@ impl Scans {
             LogReader::open(path, options)
         };
         match reader {
+            Err(LogError::Recording { .. }) if options.tf.is_any() => Err(LogError::NoFrames { file }.into()),
             Err(LogError::Recording { .. }) if !is_piped => Self::replay(path, true, stop, say),
             Err(error) => Err(error.into()),
             Ok(reader) => {
+                reader.frames_found().iter().for_each(|found| say(found));
                 let origin = Origin::Log { reader: Box::new(reader), is_piped, is_over: false };
-                Ok(Self { name: path.display().to_string(), stop, origin })
+                Ok(Self { name: file, stop, origin })
             }
         }
     }

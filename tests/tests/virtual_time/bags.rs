@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::Echo;
 use lrfslam_core::time::Instant;
+use lrfslam_host::scans::bags::TfWanted;
 use lrfslam_host::scans::log::{LogError, LogFormat, LogOptions, LogReader, LogScan};
 
 const SCANS: usize = 12;
@@ -16,6 +17,9 @@ const BAGS: [(&str, LogFormat); 6] = [
     ("ros1-bz2.bag", LogFormat::Ros1),
     ("ros1-lz4.bag", LogFormat::Ros1),
 ];
+
+/// Their odometry and the laser's place are among frames.
+const FRAMED: [&str; 3] = ["tf-ros2.mcap", "tf-ros2.db3", "tf-ros1.bag"];
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/bags").join(name)
@@ -53,6 +57,82 @@ fn bags_of_others_are_read_scan_by_scan_with_odometry_between_messages() {
         let counts = reader.counts();
         assert!(counts.damaged_lines == 0 && !counts.cut_last_line && counts.backward_times == 0, "{name}: {counts:?}");
         assert_eq!(reader.sha256().len(), 64, "{name}");
+    }
+}
+
+/// What is wanted of frames: odometry from `odometry`, and the laser on `robot`.
+fn wanted(odometry: Option<&'static str>, robot: Option<&'static str>) -> LogOptions {
+    let tf = TfWanted { odometry_frame: odometry, mounting: true, robot_frame: robot };
+    LogOptions { tf, ..LogOptions::default() }
+}
+
+#[test]
+fn frames_of_bags_tell_odometry_and_where_the_laser_is() {
+    for name in FRAMED {
+        let mut reader = LogReader::open(&golden(name), wanted(Some("odom"), None)).unwrap();
+        let scans: Vec<_> = reader.by_ref().map(Result::unwrap).collect();
+        assert_eq!(scans.len(), SCANS, "{name}");
+        for (number, scan) in scans.iter().enumerate() {
+            // The same as those of the bags with messages of odometry.
+            check(number, scan, name);
+            let off = scan.robot_from_lrf.unwrap().between(Pose2::new(0.1, 0.3, std::f32::consts::PI));
+            assert!(off.position().norm() < 1e-6 && off.heading.abs() < 1e-6, "{name}: {scan:?}");
+        }
+        assert_eq!(reader.counts().damaged_lines, 0, "{name}");
+        let words = reader.frames_found().join("; ");
+        let parts = ["odom → base_footprint → base_link", "base_link → plate → a_laser", "0.100 m forward", "180.00°"];
+        assert!(parts.iter().all(|part| words.contains(part)), "{name}: {words}");
+        // Another frame of the robot moves both.
+        let mut reader = LogReader::open(&golden(name), wanted(Some("odom"), Some("base_footprint"))).unwrap();
+        let scan = reader.next().unwrap().unwrap();
+        let (robot, lrf) = (scan.map_from_robot_odometry.unwrap(), scan.robot_from_lrf.unwrap());
+        assert!((lrf.x - 1.1).abs() < 1e-6 && (robot.y - (2.0 - 0.5_f32.sin())).abs() < 1e-6, "{name}");
+        // Where nothing of it is wanted, none is read.
+        let scan = LogReader::open(&golden(name), LogOptions::default()).unwrap().next().unwrap().unwrap();
+        assert_eq!((scan.map_from_robot_odometry, scan.robot_from_lrf), (None, None), "{name}");
+    }
+}
+
+#[test]
+fn a_frame_that_is_missing_is_said_with_those_that_there_are() {
+    let fault = |name: &str, options| LogReader::open(&golden(name), options).err().unwrap().to_string();
+    for name in FRAMED {
+        let text = fault(name, wanted(Some("odom_combined"), None));
+        let parts = [
+            name,
+            "odom_combined → base_link or base_footprint",
+            "base_link → plate (static)",
+            "odom → base_footprint,",
+        ];
+        assert!(parts.iter().all(|part| text.contains(part)), "{text}");
+        let text = fault(name, wanted(None, Some("wheel")));
+        assert!(text.contains("no transforms wheel → a_laser"), "{text}");
+    }
+    let text = fault("ros2.mcap", wanted(Some("odom"), None));
+    assert!(text.contains("no transforms odom → base_link or base_footprint") && text.ends_with("are none"), "{text}");
+    let log = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/floor.log.gz");
+    let text = LogReader::open(&log, wanted(None, None)).err().unwrap().to_string();
+    assert!(text.contains("only bags of ROS have them"), "{text}");
+}
+
+#[test]
+fn damaged_frames_are_told_and_end_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in FRAMED {
+        let whole = std::fs::read(golden(name)).unwrap();
+        let path = folder.path().join(name);
+        let mut read = 0;
+        for at in (16..whole.len()).step_by(whole.len() / 60) {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 0x40;
+            std::fs::write(&path, &bytes).unwrap();
+            if let Ok(reader) = LogReader::open(&path, wanted(Some("odom"), None)) {
+                let count = reader.filter(Result::is_ok).count();
+                assert!(count <= SCANS, "{name} {at}");
+                read += usize::from(count > 0);
+            }
+        }
+        assert!(read > 0, "{name}");
     }
 }
 

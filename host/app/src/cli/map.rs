@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::Failure;
 use super::live_scans::Mapping;
-use super::record::{RecordArgs, TopicArgs};
+use super::record::{RecordArgs, TfOdometryArgs, TopicArgs};
 use super::shared::LOG;
 use lrfslam_host::runs::scans::{Scans, is_stdin};
 use lrfslam_host::scans::live::Say;
@@ -29,6 +29,8 @@ pub(super) struct MapArgs {
     #[arg(long)]
     odometry: bool,
     #[command(flatten)]
+    tf: TfOdometryArgs,
+    #[command(flatten)]
     topic: TopicArgs,
     #[command(flatten)]
     record: RecordArgs,
@@ -38,8 +40,10 @@ pub(super) struct MapArgs {
 
 pub(super) fn run(args: &MapArgs) -> Result<(), Failure> {
     let bag = args.record.bag(Some(&args.log))?;
-    let plan = args.mapping.plan("map", args.log.display().to_string())?.with_odometry(args.odometry).with_bag(bag);
-    let scans = open_scans(&args.log, args.topic.log_options(&plan.config), plan.stop, plan.sayer())?;
+    let odometry = args.odometry || args.tf.is_wanted();
+    let plan = args.mapping.plan("map", args.log.display().to_string())?.with_odometry(odometry).with_bag(bag);
+    let options = args.tf.with_odometry(args.topic.log_options(&plan.config)).map_err(Failure::Start)?;
+    let scans = open_scans(&args.log, options, plan.stop, plan.sayer())?;
     let config = plan.config;
     plan.map(scans, || args.mapping.folder(&stem(&args.log, "map"), &config))
 }

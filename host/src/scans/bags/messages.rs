@@ -1,9 +1,12 @@
-//! Messages read: scans and odometry.
+//! Messages read: scans, odometry and frames.
 //!
-//! Source: `sensor_msgs/LaserScan`, `nav_msgs/Odometry`; REP 117: +∞ is nothing seen, −∞ too near, NaN no measurement.
+//! Source: `sensor_msgs/LaserScan`, `nav_msgs/Odometry`, `tf2_msgs/TFMessage`; REP 117: +∞ is nothing seen, −∞ too near, NaN no measurement.
 
 use lrfslam_core::time::{Duration, Instant};
 
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+
+use super::frames::Transform;
 use super::wire::{Short, Wire};
 use super::{BagScan, Ranges};
 use crate::foxglove::read_scan;
@@ -14,6 +17,12 @@ use crate::scans::mcap::Message;
 const LASER_SCAN: &str = "sensor_msgs/LaserScan";
 const FOXGLOVE_SCAN: &str = "foxglove.LaserScan";
 const ODOMETRY: &str = "nav_msgs/Odometry";
+/// The second is what ROS 1 had before tf2.
+const TF: [&str; 2] = ["tf2_msgs/TFMessage", "tf/tfMessage"];
+/// A transform has at least so many bytes: two names, and seven numbers.
+const TRANSFORM_BYTES_MIN: usize = 72;
+/// Longer names of frames are not believed.
+const NAME_BYTES_MAX: usize = 256;
 /// More beams than any planar laser range finder has.
 const BEAMS_MAX: usize = 20_000;
 /// A turn, and what rounding adds to it, rad.
@@ -30,6 +39,10 @@ pub(super) fn is_scan(schema: &str) -> bool {
 
 pub(super) fn is_odometry(schema: &str) -> bool {
     plain_type(schema) == ODOMETRY
+}
+
+pub(super) fn is_tf(schema: &str) -> bool {
+    TF.contains(&plain_type(schema).as_str())
 }
 
 /// What is wrong with a message: its topic and type, and what was expected.
@@ -90,19 +103,69 @@ struct LaserScan {
     ranges_m: Vec<f32>,
 }
 
-/// Stamp of a header; `None` if it is zero.
-fn header(wire: &mut Wire<'_>) -> Result<Option<Instant>, Short> {
+/// Stamp of a header, `None` if it is zero, and its frame.
+fn header<'a>(wire: &mut Wire<'a>) -> Result<(Option<Instant>, &'a [u8]), Short> {
     if !wire.is_cdr() {
         wire.u32()?;
     }
     let (seconds, nanoseconds) = (wire.u32()?, wire.u32()?);
-    wire.text()?;
+    let frame = wire.text()?;
     let micros = i64::from(seconds) * 1_000_000 + i64::from(nanoseconds / 1000);
-    Ok((micros > 0).then(|| Instant::from_micros(micros)))
+    Ok(((micros > 0).then(|| Instant::from_micros(micros)), frame))
+}
+
+/// A frame's name; ROS 1 wrote it with a stroke before it, too.
+fn frame_name(bytes: &[u8]) -> Option<String> {
+    let name = str::from_utf8(bytes).ok()?.trim_start_matches('/');
+    (name.len() <= NAME_BYTES_MAX).then(|| name.to_owned())
+}
+
+/// The frame of a scan; empty if it says none.
+pub(super) fn frame_of_scan(message: &Message) -> Result<String, FieldFault> {
+    if message.channel.schema == FOXGLOVE_SCAN {
+        return Ok(String::new());
+    }
+    let (_, frame) = header(&mut wire(message)?).map_err(|Short| short(message))?;
+    frame_name(frame).ok_or_else(|| fault(message, "a name of a frame", format!("{} bytes", frame.len())))
+}
+
+/// Frames in their parents.
+pub(super) fn transforms(message: &Message) -> Result<Vec<Transform>, FieldFault> {
+    let mut wire = wire(message)?;
+    let count = wire.u32().map_err(|Short| short(message))? as usize;
+    if count > wire.left() / TRANSFORM_BYTES_MIN {
+        return Err(short(message));
+    }
+    (0..count).map(|_| transform(&mut wire, message)).collect()
+}
+
+fn transform(wire: &mut Wire<'_>, message: &Message) -> Result<Transform, FieldFault> {
+    let read = |wire: &mut Wire<'_>| {
+        let (stamp, parent) = header(wire)?;
+        let (parent, child) = (frame_name(parent), frame_name(wire.text()?));
+        let mut numbers = [0.0; 7];
+        for number in &mut numbers {
+            *number = wire.f64()?;
+        }
+        Ok((stamp, parent.zip(child), numbers))
+    };
+    let (stamp, names, numbers) = read(wire).map_err(|Short| short(message))?;
+    let [x, y, z, qx, qy, qz, qw] = numbers;
+    let turn = UnitQuaternion::try_new(Quaternion::new(qw, qx, qy, qz), 1e-3);
+    let turn = turn.filter(|_| numbers.iter().all(|number| number.is_finite() && number.abs() < 1e9));
+    let (Some((parent, child)), Some(turn)) = (names, turn) else {
+        return Err(fault(message, "names of frames, and a transform of numbers", "others"));
+    };
+    Ok(Transform {
+        stamp: stamp.unwrap_or(Instant::from_micros((message.time_ns / 1000) as i64)),
+        parent,
+        child,
+        parent_from_child: Isometry3::from_parts(Translation3::new(x, y, z), turn),
+    })
 }
 
 fn laser_scan(wire: &mut Wire<'_>) -> Result<LaserScan, Short> {
-    let stamp = header(wire)?;
+    let (stamp, _) = header(wire)?;
     let [start, _, step, interval, _, range_min, range_max] = {
         let mut numbers = [0.0; 7];
         for number in &mut numbers {
@@ -187,7 +250,7 @@ pub(super) fn odometry(message: &Message) -> Result<(Instant, PoseF64), FieldFau
 }
 
 fn planar_pose(wire: &mut Wire<'_>) -> Result<(Option<Instant>, PoseF64), Short> {
-    let stamp = header(wire)?;
+    let (stamp, _) = header(wire)?;
     wire.text()?;
     let (x, y, _) = (wire.f64()?, wire.f64()?, wire.f64()?);
     let (qx, qy, qz, qw) = (wire.f64()?, wire.f64()?, wire.f64()?, wire.f64()?);

@@ -1,17 +1,20 @@
 //! Bags: messages of robots, recorded by ROS 2 (MCAP, or SQLite `.db3`), by ROS 1 (`.bag`), or by this program (MCAP). No ROS is needed.
 //!
 //! Data flow: file → container → messages → scans of one topic, each with the odometry at its time. What a file is, its
-//! first bytes tell. Scans are `sensor_msgs/LaserScan` (CDR or ROS 1's form) and `foxglove.LaserScan` (JSON); odometry is `nav_msgs/Odometry`.
+//! first bytes tell. Scans are `sensor_msgs/LaserScan` (CDR or ROS 1's form) and `foxglove.LaserScan` (JSON); odometry is `nav_msgs/Odometry`, or
+//! the robot among the frames of `tf2_msgs/TFMessage`, which also tell where the laser is on it ([`TfWanted`]).
 //!
 //! A message that cannot be read is left out and told. A file that is cut is read as far as it goes.
 //!
-//! Not here: `tf`, point clouds, bags that `ros2 bag` has compressed as whole files.
+//! Not here: point clouds, bags that `ros2 bag` has compressed as whole files.
 
 mod container;
+mod frames;
 mod messages;
 mod odometry;
 mod ros1;
 mod sqlite;
+mod tf;
 mod wire;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -31,6 +34,7 @@ use crate::scans::mcap::{self, Channel};
 
 pub use self::container::{BagKind, bag_kind};
 pub(crate) use self::messages::scan as scan_of;
+pub use self::tf::{TfFault, TfWanted};
 
 /// A scan as a bag has it.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,6 +100,8 @@ pub struct Bag {
     /// Names and types of the topics met.
     topics: BTreeMap<String, String>,
     odometry: Odometry,
+    /// What is read of its frames.
+    tf: tf::Found,
     ready: VecDeque<Taken>,
     number: u64,
     is_over: bool,
@@ -149,10 +155,40 @@ impl Bag {
             odometry_from: None,
             topics: BTreeMap::new(),
             odometry: Odometry::default(),
+            tf: tf::Found::default(),
             ready: VecDeque::new(),
             number: 0,
             is_over: false,
         }
+    }
+
+    /// Looks for frames in all of `files`, which are those of the bag; scans then come with what they say.
+    ///
+    /// # Errors
+    /// If a frame is missing, or the laser leans.
+    pub fn find_frames(&mut self, files: &[PathBuf], wanted: &TfWanted) -> Result<(), TfFault> {
+        let bags = files.iter().filter_map(|file| container::open(file).ok());
+        self.tf = tf::look(bags, self.wanted, wanted)?;
+        Ok(())
+    }
+
+    /// The same for a bag that is a single file.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn find_frames_in(
+        &mut self,
+        input: impl Read + Seek + Send + 'static,
+        wanted: &TfWanted,
+    ) -> Result<(), TfFault> {
+        let bag = container::from_reader(Box::new(input)).ok();
+        self.tf = tf::look(bag.into_iter(), self.wanted, wanted)?;
+        Ok(())
+    }
+
+    /// What was found among the frames, in words.
+    pub fn frames_found(&self) -> &[String] {
+        &self.tf.words
     }
 
     /// Bytes of the files that were read.
@@ -203,7 +239,8 @@ impl Bag {
             }
             None => {
                 self.is_over = true;
-                self.ready.extend(self.odometry.finish().map(|scan| Taken::Scan(Box::new(scan))));
+                let rest: Vec<_> = self.odometry.finish().collect();
+                self.put(rest);
             }
         }
     }
@@ -217,18 +254,26 @@ impl Bag {
         let is_of =
             |from: &mut Option<Arc<Channel>>| from.get_or_insert_with(|| channel.clone()).topic == channel.topic;
         let is_wanted = self.wanted.is_none_or(|topic| topic == channel.topic);
-        let fault = if messages::is_scan(&channel.schema) && is_wanted && is_of(&mut self.scans_from) {
-            let read = messages::scan(self.number, &message).map(|scan| self.odometry.add_scan(scan));
-            self.ready.extend(self.odometry.ready().map(|scan| Taken::Scan(Box::new(scan))));
-            read.err()
-        } else if messages::is_odometry(&channel.schema) && is_of(&mut self.odometry_from) {
-            let read = messages::odometry(&message).map(|(stamp, pose)| self.odometry.add(stamp, pose));
-            self.ready.extend(self.odometry.ready().map(|scan| Taken::Scan(Box::new(scan))));
-            read.err()
+        let read = if messages::is_scan(&channel.schema) && is_wanted && is_of(&mut self.scans_from) {
+            messages::scan(self.number, &message).map(|scan| self.odometry.add_scan(scan))
+        } else if messages::is_tf(&channel.schema) && self.tf.has_odometry() {
+            let told = self.tf.take(&message);
+            told.map(|told| told.into_iter().for_each(|(stamp, pose)| self.odometry.add(stamp, pose)))
+        } else if messages::is_odometry(&channel.schema) && !self.tf.has_odometry() && is_of(&mut self.odometry_from) {
+            messages::odometry(&message).map(|(stamp, pose)| self.odometry.add(stamp, pose))
         } else {
-            None
+            return;
         };
-        self.ready.extend(fault.map(|fault| Taken::Damaged(self.number, fault)));
+        let ready: Vec<_> = self.odometry.ready().collect();
+        self.put(ready);
+        self.ready.extend(read.err().map(|fault| Taken::Damaged(self.number, fault)));
+    }
+
+    /// Scans that nothing more is to come of.
+    fn put(&mut self, scans: Vec<BagScan>) {
+        let robot_from_lrf = self.tf.robot_from_lrf;
+        let placed = |scan: BagScan| BagScan { robot_from_lrf: robot_from_lrf.or(scan.robot_from_lrf), ..scan };
+        self.ready.extend(scans.into_iter().map(|scan| Taken::Scan(Box::new(placed(scan)))));
     }
 }
 

@@ -28,6 +28,72 @@ fn laser_scan(is_big: bool, [start, step]: [f32; 2], ranges: &[f32]) -> Message 
     message("sensor_msgs/msg/LaserScan", "cdr", data)
 }
 
+/// A frame of ROS 1, turned as `quaternion` (x, y, z, w) says.
+fn frame(parent: &str, child: &str, quaternion: [f64; 4]) -> Message {
+    let text = |text: &str| [&(text.len() as u32).to_le_bytes(), text.as_bytes()].concat();
+    let mut data = vec![1, 0, 0, 0];
+    data.extend([0_u32, 7, 500_000_000].map(u32::to_le_bytes).concat());
+    data.extend([text(parent), text(child)].concat());
+    let numbers = [0.5, -0.25, 1.0].into_iter().chain(quaternion);
+    data.extend(numbers.flat_map(f64::to_le_bytes));
+    let channel =
+        Channel { topic: "/tf_static".to_owned(), encoding: "ros1".to_owned(), schema: "tf/tfMessage".to_owned() };
+    Message { channel: Arc::new(channel), ..message("", "", data) }
+}
+
+/// Messages as if they were a bag.
+struct Told(VecDeque<Message>);
+
+impl Container for Told {
+    fn next(&mut self) -> Next {
+        self.0.pop_front().map_or(Next::End { is_cut: false }, Next::Message)
+    }
+
+    fn position(&self) -> u64 {
+        0
+    }
+}
+
+#[test]
+fn a_laser_lies_in_the_plane_of_the_robot_or_is_refused() {
+    let wanted = TfWanted { mounting: true, ..TfWanted::default() };
+    let look = |quaternion| {
+        // The laser's frame is that of its scans; ROS 1 wrote a stroke before names.
+        let told = [laser_scan(false, [-0.3, 0.2], &[1.0; 4]), frame("/base_link", "/abc", quaternion)];
+        let bag: Box<dyn Container> = Box::new(Told(told.into()));
+        tf::look([bag].into_iter(), None, &wanted)
+    };
+    let found = look([0.0, 0.0, 1.0, 1.0]).unwrap().robot_from_lrf.unwrap();
+    assert!(found.between(Pose2::new(0.5, -0.25, std::f32::consts::FRAC_PI_2)).position().norm() < 1e-6);
+    assert!((found.heading - std::f32::consts::FRAC_PI_2).abs() < 1e-6, "{found:?}");
+    // Upside down.
+    let fault = look([1.0, 0.0, 0.0, 0.0]).unwrap_err().to_string();
+    assert!(fault.contains("abc leans by 180° against base_link"), "{fault}");
+    // No turn at all: the message cannot be read.
+    let fault = look([0.0; 4]).unwrap_err().to_string();
+    assert!(
+        fault.contains("no transforms base_link or base_footprint → abc") && fault.ends_with("are none"),
+        "{fault}"
+    );
+}
+
+#[test]
+fn frames_that_cannot_be_read_are_said() {
+    let whole = frame("base_link", "abc", [0.0, 0.0, 0.0, 1.0]);
+    assert_eq!(messages::transforms(&whole).unwrap().len(), 1);
+    for cut in 0..whole.data.len() {
+        let text = messages::transforms(&Message { data: whole.data[..cut].to_vec(), ..whole.clone() })
+            .unwrap_err()
+            .to_string();
+        assert!(text.contains("/tf_static (tf/tfMessage): expected a whole message"), "{text}");
+    }
+    let text = messages::transforms(&frame("base_link", "abc", [f64::NAN; 4])).unwrap_err().to_string();
+    assert!(text.contains("a transform of numbers"), "{text}");
+    let mut many = whole;
+    many.data[..4].fill(0xff);
+    assert!(messages::transforms(&many).is_err());
+}
+
 fn message(schema: &str, encoding: &str, data: Vec<u8>) -> Message {
     let channel = Channel { topic: "/scan".to_owned(), encoding: encoding.to_owned(), schema: schema.to_owned() };
     Message { channel: Arc::new(channel), sequence: 0, time_ns: 1, data, is_suspect: false }

@@ -62,17 +62,22 @@ impl<'a> Wire<'a> {
         self.number().map(f64::from_le_bytes)
     }
 
-    /// Passes over a text.
-    pub fn text(&mut self) -> Result<(), Short> {
+    /// A text, without the 0 at its end.
+    pub fn text(&mut self) -> Result<&'a [u8], Short> {
         let length = self.u32()? as usize;
-        self.take(length).map(drop)
+        let text = self.take(length)?;
+        Ok(text.strip_suffix(b"\0").unwrap_or(text))
+    }
+
+    /// Bytes that were not read yet.
+    pub fn left(&self) -> usize {
+        self.bytes.len().saturating_sub(self.at)
     }
 
     /// Numbers, as many as there are said to be.
     pub fn f32s(&mut self) -> Result<Vec<f32>, Short> {
         let count = self.u32()? as usize;
-        let left = self.bytes.len().saturating_sub(self.at);
-        if count > left / 4 {
+        if count > self.left() / 4 {
             return Err(Short);
         }
         (0..count).map(|_| self.f32()).collect()

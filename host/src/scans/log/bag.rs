@@ -37,7 +37,7 @@ pub(super) struct BagSource {
 pub(super) fn bag_at(path: &Path, options: &LogOptions) -> Result<Option<(BagSource, u64)>, LogError> {
     let file = path.display().to_string();
     let files = bag_files(path);
-    let fault = |source| LogError::Bag { file: file.clone(), source };
+    let fault = |source| LogError::Bag { file: path.display().to_string(), source };
     // What is read of a pipe is gone.
     let first = files.first().filter(|first| first.is_file());
     let Some(kind) = first.and_then(|first| kind_of(first).ok().flatten()) else { return Ok(None) };
@@ -47,7 +47,10 @@ pub(super) fn bag_at(path: &Path, options: &LogOptions) -> Result<Option<(BagSou
     }
     let size = files.iter().filter_map(|file| file.metadata().ok()).map(|about| about.len()).sum();
     let (wanted, count) = (options.topic, ByteCount::default());
-    let bag = Bag::open(files.clone(), wanted).map_err(fault)?;
+    let mut bag = Bag::open(files.clone(), wanted).map_err(fault)?;
+    if options.tf.is_any() {
+        bag.find_frames(&files, &options.tf).map_err(|source| LogError::Frames { file, source })?;
+    }
     Ok(Some((BagSource { bag, kind, files, wanted, count, number: 0 }, size)))
 }
 
@@ -72,6 +75,10 @@ impl BagSource {
 
     pub fn number(&self) -> u64 {
         self.number
+    }
+
+    pub fn frames_found(&self) -> &[String] {
+        self.bag.frames_found()
     }
 
     /// Of its files, one behind the other.

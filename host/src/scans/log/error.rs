@@ -2,6 +2,7 @@
 
 use super::DamagedLine;
 use crate::input::text::LineFault;
+use crate::scans::bags::TfFault;
 
 /// Why a log cannot be read, or not further.
 #[derive(Debug, thiserror::Error)]
@@ -70,6 +71,20 @@ pub enum LogError {
         file: String,
         /// Those that have scans.
         topics: String,
+    },
+    /// A bag whose frames do not say what is wanted of them.
+    #[error("{file}: {source}")]
+    Frames {
+        /// Name of the file, as given.
+        file: String,
+        /// Why.
+        source: TfFault,
+    },
+    /// What has no frames, where some are wanted.
+    #[error("{file}: frames (tf) are wanted, and only bags of ROS have them")]
+    NoFrames {
+        /// Name of the file, as given.
+        file: String,
     },
     /// No byte, or nothing but blank lines.
     #[error("{file}: the log is empty")]

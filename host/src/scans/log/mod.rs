@@ -42,6 +42,7 @@ use self::mounting::Mounting;
 use self::range_limit::RangeLimit;
 use self::raw::{Bearings, Content, LineReader, RawScan};
 use crate::input::text::{ByteCount, FieldFault, LINE_BYTES_MAX, Line, LineFault, Lines, fault};
+use crate::scans::bags::TfWanted;
 
 /// Scans read before the first is handed out.
 pub const LOOK_AHEAD: usize = 32;
@@ -62,12 +63,15 @@ pub struct LogOptions {
     pub scan_interval: Duration,
     /// Scans of a bag are those of this topic; `None`: of the only one that has any.
     pub topic: Option<&'static str>,
+    /// What is read of the frames of a bag.
+    pub tf: TfWanted,
 }
 
 impl Default for LogOptions {
     fn default() -> Self {
         let scan_interval = Duration::from_millis(200);
-        Self { range_max_m: None, field_of_view_rad: None, robot_from_lrf: None, scan_interval, topic: None }
+        let tf = TfWanted::default();
+        Self { range_max_m: None, field_of_view_rad: None, robot_from_lrf: None, scan_interval, topic: None, tf }
     }
 }
 
@@ -139,6 +143,9 @@ impl LogReader {
     }
 
     fn start(file: String, source: Source, size_bytes: u64, options: LogOptions) -> Result<Self, LogError> {
+        if options.tf.is_any() && matches!(source, Source::Lines(_)) {
+            return Err(LogError::NoFrames { file });
+        }
         let mut reader = Self {
             file,
             size_bytes,
@@ -173,6 +180,14 @@ impl LogReader {
         match &self.source {
             Source::Bag(bag) => Some(bag.format()),
             Source::Lines(_) => self.format.as_ref().map(|(format, _)| *format),
+        }
+    }
+
+    /// What was found among the frames of a bag, in words.
+    pub fn frames_found(&self) -> &[String] {
+        match &self.source {
+            Source::Bag(bag) => bag.frames_found(),
+            Source::Lines(_) => &[],
         }
     }
 

@@ -13,7 +13,7 @@ from mcap_ros2.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 SCANS = 12
 BEGIN_S = 1000
@@ -64,9 +64,37 @@ def messages(types, is_ros1):
     yield "/odom", t + 50_000_000, pose_at((t + 50_000_000) // 10**9, (t + 50_000_000) % 10**9, 0.1 * number + 0.05)
 
 
-def write(writer, store, is_ros1):
+def framed(types, is_ros1):
+    """The same scans without odometry's messages: what these say is among frames, and the laser's place on the robot too."""
+    header, time = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
+    vector, turn = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+    transform, stamped = types["geometry_msgs/msg/Transform"], types["geometry_msgs/msg/TransformStamped"]
+    message = types["tf2_msgs/msg/TFMessage"]
+
+    def frame(t, parent, child, x, y, z, yaw):
+        head = header(**({"seq": 0} if is_ros1 else {}), stamp=time(t // 10**9, t % 10**9), frame_id=parent)
+        place = transform(vector(x, y, z), turn(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
+        return stamped(head, child, place)
+
+    begin = BEGIN_S * 10**9
+    # The laser looks backwards on a plate that is turned to the left.
+    plate = frame(begin, "base_link", "plate", 0.2, 0.0, 0.1, math.pi / 2)
+    laser = frame(begin, "plate", "a_laser", 0.3, 0.1, 0.05, math.pi / 2)
+    yield "/tf_static", begin - 100_000_000, message([plate, laser])
+    for topic, t, told in messages(types, is_ros1):
+        if topic == "/scan":
+            yield topic, t, told
+            continue
+        x = told.pose.pose.position.x
+        # The robot's frame is a metre before the one that the wheels move.
+        foot = frame(t, "odom", "base_footprint", x - math.cos(0.5), 2.0 - math.sin(0.5), 0.0, 0.5)
+        yield "/tf", t, message([foot, frame(t, "base_footprint", "base_link", 1.0, 0.0, 0.1, 0.0)])
+        yield "/tf", t, message([frame(t, "base_link", "wheel", 0.0, 0.3, 0.0, x)])
+
+
+def write(writer, store, is_ros1, source=messages):
     connections = {}
-    for topic, time, message in messages(store.types, is_ros1):
+    for topic, time, message in source(store.types, is_ros1):
         kind = message.__msgtype__
         if topic not in connections:
             connections[topic] = writer.add_connection(topic, kind, typestore=store)
@@ -74,26 +102,29 @@ def write(writer, store, is_ros1):
         writer.write(connections[topic], time, pack(message, kind))
 
 
-def ros2(folder, name, plugin, compression=None):
+def ros2(folder, name, plugin, compression=None, source=messages):
     place = folder / "made"
     shutil.rmtree(place, ignore_errors=True)
     writer = Ros2Writer(place, version=9, storage_plugin=plugin)
     if compression:
         writer.set_compression(CompressionMode.STORAGE, compression)
     with writer:
-        write(writer, get_typestore(Stores.ROS2_HUMBLE), False)
+        write(writer, get_typestore(Stores.ROS2_HUMBLE), False, source)
     (file,) = [path for path in place.iterdir() if path.suffix in (".mcap", ".db3")]
     file.rename(folder / name)
     shutil.rmtree(place)
 
 
-def ros1(folder, name, compression=None):
+def ros1(folder, name, compression=None, source=messages):
     (folder / name).unlink(missing_ok=True)
     writer = Ros1Writer(folder / name)
     if compression:
         writer.set_compression(compression)
     with writer:
-        write(writer, get_typestore(Stores.ROS1_NOETIC), True)
+        store = get_typestore(Stores.ROS1_NOETIC)
+        kind = "tf2_msgs/msg/TFMessage"
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))
+        write(writer, store, True, source)
 
 
 def main():
@@ -104,6 +135,9 @@ def main():
     ros1(folder, "ros1.bag")
     ros1(folder, "ros1-bz2.bag", Ros1Writer.CompressionFormat.BZ2)
     ros1(folder, "ros1-lz4.bag", Ros1Writer.CompressionFormat.LZ4)
+    ros2(folder, "tf-ros2.mcap", StoragePlugin.MCAP, source=framed)
+    ros2(folder, "tf-ros2.db3", StoragePlugin.SQLITE3, source=framed)
+    ros1(folder, "tf-ros1.bag", source=framed)
 
 
 main()
