@@ -7,6 +7,8 @@ import { Robot, credentials, token } from "./state.js";
 import { View } from "./view.js";
 
 const NOTE_MS = 2500;
+/** How often it is asked whether more robots have come. */
+const GROWS_EVERY_MS = 2000;
 
 /** @param {string} id @returns {HTMLElement} */
 function element(id) {
@@ -23,6 +25,8 @@ let views = [];
 /** Index of the robot that words and numbers are about. */
 let chosen = 0;
 let mayCommand = false;
+/** More robots may come. */
+let mayGrow = false;
 let isOne = false;
 
 /** @param {string} text */
@@ -246,13 +250,18 @@ function repaint() {
 async function introduce() {
   const answer = await fetch("robots", { headers: credentials() });
   if (!answer.ok) return answer.status;
-  const { robots: names, may_command } = await answer.json();
+  const { robots: names, may_grow, may_command } = await answer.json();
   mayCommand = may_command;
+  mayGrow = may_grow;
   return /** @type {string[]} */ (names);
 }
 
 async function begin() {
   const names = await introduce().catch(() => 0);
+  if (!Array.isArray(names) && robots.length > 0) {
+    setTimeout(() => void begin(), GROWS_EVERY_MS);
+    return;
+  }
   if (!Array.isArray(names)) {
     element("mood").className = "bad";
     element("words").textContent =
@@ -260,9 +269,16 @@ async function begin() {
     setTimeout(() => void begin(), 1500);
     return;
   }
-  robots = names.map((name, index) => new Robot(index, name));
-  arrange();
-  for (const robot of robots) void robot.follow(changed, () => void introduce().catch(() => 0));
+  const come = names.slice(robots.length).map((name, index) => new Robot(robots.length + index, name));
+  if (come.length > 0) {
+    robots = [...robots, ...come];
+    arrange();
+    for (const robot of come) void robot.follow(changed, () => void introduce().catch(() => 0));
+  } else if (robots.length === 0) {
+    element("mood").className = "doubt";
+    element("words").textContent = "no robot is there yet";
+  }
+  if (mayGrow) setTimeout(() => void begin(), GROWS_EVERY_MS);
 }
 
 for (const [id, deed] of Object.entries(DEEDS)) {

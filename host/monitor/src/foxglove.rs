@@ -61,7 +61,7 @@ pub async fn open(
     if !has_token && !shared.access.may_see(&headers) {
         return shared.refuse();
     }
-    let Some(robot) = shared.robots.get(robot).cloned() else { return StatusCode::NOT_FOUND.into_response() };
+    let Some(robot) = shared.robot(robot) else { return StatusCode::NOT_FOUND.into_response() };
     let Ok(place) = shared.viewers.clone().try_acquire_owned() else {
         return StatusCode::SERVICE_UNAVAILABLE.into_response();
     };

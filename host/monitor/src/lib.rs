@@ -7,6 +7,11 @@
 
 mod access;
 mod doors;
+#[cfg(feature = "zenoh")]
+mod fleet;
+#[cfg(not(feature = "zenoh"))]
+#[path = "no_fleet.rs"]
+mod fleet;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 mod remote;
@@ -15,5 +20,7 @@ mod server;
 
 pub use access::{Access, LOOPBACK, parse_address};
 pub use doors::{CONNECTIONS_MAX, Tell};
+#[cfg(feature = "zenoh")]
+pub use fleet::{Fleet, Place};
 pub use remote::Remote;
 pub use server::{Robot, Server, ServerConfig, Source};

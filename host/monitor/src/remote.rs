@@ -1,4 +1,4 @@
-//! A robot that another program maps for: what is asked of it is passed on, with its own token.
+//! A robot that another program maps for: what is asked of it is passed on, with its own token, or by Zenoh.
 
 use std::io;
 use std::time::Duration;
@@ -8,16 +8,28 @@ use axum::http::{Method, Request, StatusCode, header};
 use hyper_util::rt::TokioIo;
 use tokio::net::TcpStream;
 
+use crate::fleet::Member;
 use crate::routes::STATUS;
 
 /// A state has at most so many bytes.
-const STATE_BYTES_MAX: usize = 64 << 20;
+pub(crate) const STATE_BYTES_MAX: usize = 64 << 20;
 /// A robot answers within this, or is away.
-const WITHIN: Duration = Duration::from_secs(10);
+pub(crate) const WITHIN: Duration = Duration::from_secs(10);
 
-/// The page of a run elsewhere.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Remote {
+/// A run elsewhere: by its page, or in Zenoh.
+#[derive(Debug, Clone)]
+pub struct Remote(Way);
+
+#[derive(Debug, Clone)]
+enum Way {
+    Page(Page),
+    #[cfg_attr(not(feature = "zenoh"), allow(dead_code, reason = "there is none in this build"))]
+    Zenoh(Member),
+}
+
+/// The page of a run.
+#[derive(Debug, Clone)]
+struct Page {
     /// Name or address, and port.
     host: String,
     token: String,
@@ -37,12 +49,21 @@ impl Remote {
         if !has_port || !is_clean(host) || !is_clean(token) {
             return Err("expected a link as --monitor prints it, such as http://192.168.0.7:7340/#TOKEN".to_owned());
         }
-        Ok(Self { host: host.to_owned(), token: token.to_owned() })
+        Ok(Self(Way::Page(Page { host: host.to_owned(), token: token.to_owned() })))
     }
 
-    /// Name or address, and port.
+    /// One that was found in Zenoh.
+    #[cfg(feature = "zenoh")]
+    pub(crate) fn member(member: Member) -> Self {
+        Self(Way::Zenoh(member))
+    }
+
+    /// Name or address, and port; the name of a robot in Zenoh.
     pub fn host(&self) -> &str {
-        &self.host
+        match &self.0 {
+            Way::Page(page) => &page.host,
+            Way::Zenoh(member) => member.name(),
+        }
     }
 
     /// How things stand there: JSON of [`Status`](lrfslam_host::monitor::Status), at most a second old. Waits up to ten seconds for it.
@@ -61,9 +82,14 @@ impl Remote {
 
     /// Passes on what is asked; `None` if nobody answers.
     pub(crate) async fn ask(&self, method: Method, path: &str) -> Option<(StatusCode, Bytes)> {
-        tokio::time::timeout(WITHIN, self.fetch(method, path)).await.ok()?.ok()
+        match &self.0 {
+            Way::Page(page) => tokio::time::timeout(WITHIN, page.fetch(method, path)).await.ok()?.ok(),
+            Way::Zenoh(member) => member.ask(method, path).await,
+        }
     }
+}
 
+impl Page {
     async fn fetch(&self, method: Method, path: &str) -> io::Result<(StatusCode, Bytes)> {
         let stream = TcpStream::connect(&self.host).await?;
         let handshake = hyper::client::conn::http1::handshake(TokioIo::new(stream)).await;
@@ -90,7 +116,7 @@ mod tests {
     #[test]
     fn links_are_taken_apart() {
         let link = Remote::parse("http://192.168.0.7:7340/#abc").unwrap();
-        assert_eq!((link.host(), link.token.as_str()), ("192.168.0.7:7340", "abc"));
+        assert!(matches!(&link.0, Way::Page(page) if page.host == "192.168.0.7:7340" && page.token == "abc"));
         assert_eq!(Remote::parse("[::1]:7340").unwrap().host(), "[::1]:7340");
         for wrong in ["", "http://robot/", "robot:port", "http://a b:1/", "robot:1/#a\r\nb", "ftp://robot:1"] {
             assert!(Remote::parse(wrong).is_err(), "{wrong}");

@@ -13,14 +13,14 @@ use lrfslam_host::monitor::{Ask, Monitor, give_way};
 
 use crate::access::Access;
 use crate::doors::Tell;
-use crate::server::{Robot, Source};
+use crate::server::{Robot, Robots, Source};
 
 /// Bytes of a request's body: no request has one.
 const BODY_BYTES_MAX: usize = 1024;
 /// Who has all there is waits so long for more, and asks again.
-const WAIT: Duration = Duration::from_millis(1000);
+pub const WAIT: Duration = Duration::from_millis(1000);
 /// How often it is looked whether there is more.
-const POLL: Duration = Duration::from_millis(20);
+pub const POLL: Duration = Duration::from_millis(20);
 /// So many states are sent before the server gives way to what else runs.
 const AT_ONCE: usize = 30;
 /// Where a robot's status is.
@@ -47,7 +47,7 @@ const SCRIPT: &str = "text/javascript; charset=utf-8";
 /// What all requests share.
 pub struct Shared {
     pub access: Access,
-    pub robots: Vec<Robot>,
+    robots: Robots,
     pub tell: Tell,
     has_told: AtomicBool,
     /// States that were sent.
@@ -89,7 +89,7 @@ async fn file(name: &str) -> Response {
 
 impl Shared {
     /// Nobody was here yet.
-    pub fn new(access: Access, robots: Vec<Robot>, tell: Tell) -> Self {
+    pub fn new(access: Access, robots: Robots, tell: Tell) -> Self {
         Self {
             access,
             robots,
@@ -99,6 +99,11 @@ impl Shared {
             #[cfg(feature = "foxglove")]
             viewers: Arc::new(tokio::sync::Semaphore::new(crate::foxglove::VIEWERS_MAX)),
         }
+    }
+
+    /// One of the robots, as it is now.
+    pub fn robot(&self, index: usize) -> Option<Robot> {
+        self.robots.get(index)
     }
 
     /// The first pictures come at once, on a busy computer too.
@@ -122,14 +127,15 @@ async fn robots(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Respon
         return shared.refuse();
     }
     // What they will ask for next is drawn meanwhile.
-    for robot in &shared.robots {
+    let (robots, may_grow) = shared.robots.all();
+    for robot in &robots {
         if let Source::Here(monitor) = &robot.source {
             monitor.look();
         }
     }
-    let names: Vec<&str> = shared.robots.iter().map(|robot| robot.name.as_str()).collect();
+    let names: Vec<&str> = robots.iter().map(|robot| robot.name.as_str()).collect();
     let may_command = shared.access.may_command(&headers);
-    let answer = serde_json::json!({ "robots": names, "may_command": may_command });
+    let answer = serde_json::json!({ "robots": names, "may_grow": may_grow, "may_command": may_command });
     ([(header::CONTENT_TYPE, "application/json")], answer.to_string()).into_response()
 }
 
@@ -146,7 +152,7 @@ async fn changes(
     let query = query.as_deref().unwrap_or("0-0");
     let known = query.split_once('-');
     let known = known.and_then(|(instance, revision)| Some((instance.parse().ok()?, revision.parse().ok()?)));
-    let (Some(robot), Some((instance, revision))) = (shared.robots.get(robot), known) else {
+    let (Some(robot), Some((instance, revision))) = (shared.robot(robot), known) else {
         return StatusCode::BAD_REQUEST.into_response();
     };
     let headers: [(HeaderName, &str); 2] =
@@ -183,7 +189,7 @@ async fn status(State(shared): State<Arc<Shared>>, Path(robot): Path<usize>, hea
     if !shared.access.may_see(&headers) {
         return shared.refuse();
     }
-    let Some(robot) = shared.robots.get(robot) else { return StatusCode::NOT_FOUND.into_response() };
+    let Some(robot) = shared.robot(robot) else { return StatusCode::NOT_FOUND.into_response() };
     let status = match &robot.source {
         Source::Here(monitor) => {
             // What nobody has looked at is old.
@@ -214,7 +220,7 @@ async fn ask(
         "stop" => Ask::Stop,
         _ => return StatusCode::NOT_FOUND.into_response(),
     };
-    let Some(robot) = shared.robots.get(robot) else { return StatusCode::NOT_FOUND.into_response() };
+    let Some(robot) = shared.robot(robot) else { return StatusCode::NOT_FOUND.into_response() };
     match &robot.source {
         Source::Here(monitor) => monitor.ask(wanted),
         Source::There(remote) => {

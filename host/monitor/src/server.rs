@@ -2,7 +2,7 @@
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, UdpSocket};
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 use lrfslam_host::monitor::Monitor;
 
@@ -39,11 +39,36 @@ pub struct ServerConfig {
     pub tell: Tell,
 }
 
+/// The robots of a page: more may come, and none goes.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Robots(Arc<RwLock<(Vec<Robot>, bool)>>);
+
+impl Robots {
+    /// One of them.
+    pub fn get(&self, index: usize) -> Option<Robot> {
+        self.read().0.get(index).cloned()
+    }
+
+    /// All, and whether more may come.
+    pub fn all(&self) -> (Vec<Robot>, bool) {
+        self.read().clone()
+    }
+
+    fn read(&self) -> RwLockReadGuard<'_, (Vec<Robot>, bool)> {
+        self.0.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn write(&self) -> RwLockWriteGuard<'_, (Vec<Robot>, bool)> {
+        self.0.write().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// A page that is served until the process ends.
 #[derive(Debug)]
 pub struct Server {
     address: SocketAddr,
     access: Access,
+    robots: Robots,
 }
 
 impl Robot {
@@ -68,7 +93,8 @@ impl Server {
         let address = listener.local_addr()?;
         let access = Access::new(address, config.token)?;
         let tell = config.tell;
-        let shared = Shared::new(access.clone(), robots, tell.clone());
+        let robots = Robots(Arc::new(RwLock::new((robots, false))));
+        let shared = Shared::new(access.clone(), robots.clone(), tell.clone());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         std::thread::Builder::new().name("live page".to_owned()).spawn(move || {
             runtime.block_on(async {
@@ -78,7 +104,17 @@ impl Server {
                 }
             });
         })?;
-        Ok(Self { address, access })
+        Ok(Self { address, access, robots })
+    }
+
+    /// More robots may come: the page asks for them now and then.
+    pub fn let_grow(&self) {
+        self.robots.write().1 = true;
+    }
+
+    /// Shows one more.
+    pub fn add(&self, robot: Robot) {
+        self.robots.write().0.push(robot);
     }
 
     /// Where it listens.

@@ -20,11 +20,11 @@ const TOKEN: &str = "LRFSLAM_TOKEN";
 
 /// Serves the page of a run, and says where it is.
 pub(super) fn serve(address: SocketAddr, (name, monitor): (&str, Monitor), tell: TellArgs) -> Result<(), Failure> {
-    serve_all(address, vec![Robot::here(name, monitor)], tell)
+    serve_all(address, vec![Robot::here(name, monitor)], tell).map(drop)
 }
 
 /// The same for several robots.
-pub(super) fn serve_all(address: SocketAddr, robots: Vec<Robot>, tell: TellArgs) -> Result<(), Failure> {
+pub(super) fn serve_all(address: SocketAddr, robots: Vec<Robot>, tell: TellArgs) -> Result<Server, Failure> {
     let token = std::env::var(TOKEN).ok().filter(|token| !token.is_empty());
     let config = ServerConfig { address, token, tell: Arc::new(move |text| tell.say(text)) };
     let server = Server::start(config, robots).map_err(|error| {
@@ -35,7 +35,7 @@ pub(super) fn serve_all(address: SocketAddr, robots: Vec<Robot>, tell: TellArgs)
     if !server.address().ip().is_loopback() && !tell.is_quiet() && std::io::stderr().is_terminal() {
         say(&code(&url));
     }
-    Ok(())
+    Ok(server)
 }
 
 /// The link for a phone's camera; nothing if it is too long.

@@ -67,6 +67,11 @@ mod watch;
 #[cfg(not(feature = "monitor"))]
 #[path = "no_watch.rs"]
 mod watch;
+#[cfg(feature = "zenoh")]
+mod zenoh;
+#[cfg(not(feature = "zenoh"))]
+#[path = "no_zenoh.rs"]
+mod zenoh;
 
 pub use self::laser::interrupt_flag;
 pub use self::monitor::MonitorArgs;
@@ -158,9 +163,14 @@ impl Failure {
 
 /// A command that was left out of this build, and how to get it.
 pub fn not_built_in(what: &str, feature: &str) -> Failure {
-    Failure::Start(anyhow::anyhow!(
+    Failure::Start(anyhow::Error::msg(how_to_build_in(what, feature)))
+}
+
+/// The same in words.
+fn how_to_build_in(what: &str, feature: &str) -> String {
+    format!(
         "this build has no {what}: build it with the feature, as by `cargo install --path host/app --features {feature}`"
-    ))
+    )
 }
 
 /// The whole command line, as help, completions and manual pages have it.

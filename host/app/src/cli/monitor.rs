@@ -1,4 +1,4 @@
-//! `--monitor` and `--tui`: a run is watched while it works.
+//! `--monitor`, `--zenoh` and `--tui`: a run is watched while it works.
 
 use std::cell::RefCell;
 use std::io::IsTerminal as _;
@@ -13,11 +13,12 @@ use lrfslam_host::scans::live::Say;
 
 use super::live_page::{parse_address, serve};
 use super::shared::TellArgs;
+use super::zenoh::{self, Place, parse_place};
 use super::{Failure, not_built_in};
 use crate::tui::{self, Screen};
 
 /// A live page.
-#[derive(Debug, Clone, Copy, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct MonitorArgs {
     /// Serve a live page of the run; open the link that is printed. ADDR is an address or port of this computer.
     ///
@@ -26,9 +27,17 @@ pub struct MonitorArgs {
     /// environment's LRFSLAM_TOKEN is taken as the token, if there is one.
     #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = "", value_parser = parse_address)]
     monitor: Option<SocketAddr>,
-    /// After the end, keep the page until ctrl-C.
-    #[arg(long, requires = "monitor")]
+    /// After the end, keep the page, and what is told in Zenoh, until ctrl-C.
+    #[arg(long)]
     monitor_stay: bool,
+    /// Tell in Zenoh how the run goes, for `lrfslam watch zenoh:PLACE`. PLACE is HOST[:PORT] of a router, or listen:IP[:PORT].
+    ///
+    /// Whoever is in that Zenoh sees the run; nobody commands it there.
+    #[arg(long, value_name = "PLACE", value_parser = parse_place)]
+    zenoh: Option<Place>,
+    /// The robot's name in Zenoh [default: that of this computer].
+    #[arg(long, value_name = "NAME", requires = "zenoh")]
+    zenoh_name: Option<String>,
     /// Watch in this terminal, as over ssh: map, robot, path and how things stand, with keys to pause, save and stop.
     ///
     /// What is said meanwhile comes when the view is left.
@@ -41,7 +50,7 @@ impl MonitorArgs {
     ///
     /// * `what` and `source` — the command, and where its scans come from; `frame` — see [`About::frame`]
     pub(super) fn watched(
-        self,
+        &self,
         (what, source, frame): (&str, String, Option<String>),
         map: MapConfig,
         stop: &'static AtomicBool,
@@ -49,7 +58,10 @@ impl MonitorArgs {
         if self.tui {
             ensure_terminal()?;
         }
-        if self.monitor.is_none() && !self.tui {
+        if self.monitor_stay && self.monitor.is_none() && self.zenoh.is_none() {
+            return Err(Failure::Start(anyhow::anyhow!("--monitor-stay needs --monitor or --zenoh")));
+        }
+        if self.monitor.is_none() && self.zenoh.is_none() && !self.tui {
             return Ok(Watched::nobody(stop));
         }
         let about = About { what: what.to_owned(), source: source.clone(), frame, map };
@@ -60,6 +72,7 @@ impl MonitorArgs {
                 address: self.monitor,
                 has_screen: self.tui,
                 screen: RefCell::default(),
+                zenoh: self.zenoh.clone().map(|place| (place, self.zenoh_name.clone().unwrap_or_else(computer))),
                 name,
                 monitor,
                 feed,
@@ -68,6 +81,14 @@ impl MonitorArgs {
             stop,
         })
     }
+}
+
+/// The name of this computer, as far as a key can be made of it.
+fn computer() -> String {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name = if name.trim().is_empty() { std::env::var("COMPUTERNAME").unwrap_or_default() } else { name };
+    let name: String = name.trim().chars().filter(|c| c.is_alphanumeric() || "-_.".contains(*c)).collect();
+    if name.is_empty() { "robot".to_owned() } else { name }
 }
 
 /// A view of the terminal needs one, and is told of keys.
@@ -82,7 +103,7 @@ fn ensure_terminal() -> Result<(), Failure> {
     Err(Failure::Start(anyhow::anyhow!(why)))
 }
 
-/// A run that may be watched; without `--monitor` and `--tui` all of this does nothing.
+/// A run that may be watched; without `--monitor`, `--zenoh` and `--tui` all of this does nothing.
 pub(super) struct Watched {
     page: Option<Page>,
     stop: &'static AtomicBool,
@@ -93,6 +114,8 @@ struct Page {
     has_screen: bool,
     /// The view in the terminal, while it is there.
     screen: RefCell<Option<Screen>>,
+    /// Where in Zenoh, and as what, it is told.
+    zenoh: Option<(Place, String)>,
     name: String,
     monitor: Monitor,
     feed: Feed,
@@ -113,6 +136,10 @@ impl Watched {
         page.monitor.set_can_pause(can_pause);
         if let Some(address) = page.address {
             serve(address, (&page.name, page.monitor.clone()), tell)?;
+        }
+        if let Some((place, name)) = &page.zenoh {
+            zenoh::tell(place, name, &page.monitor)?;
+            tell.say(&format!("in Zenoh: {name}"));
         }
         if page.has_screen {
             let screen = Screen::open(&page.monitor).context("--tui: this terminal cannot be drawn on");

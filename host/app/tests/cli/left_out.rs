@@ -24,4 +24,15 @@ fn what_is_not_built_in_says_how_to_get_it() {
     assert!(code == 2 && stdout.is_empty() && stderr.lines().count() == 1, "{stderr}");
     let wanted = if cfg!(feature = "tui") { "--tui needs a terminal" } else { "--features tui" };
     assert!(stderr.contains(wanted), "{stderr}");
+    // Of Zenoh, whose place is looked at first.
+    let of_watch = if cfg!(feature = "monitor") { "zenoh" } else { "monitor" };
+    for (arguments, feature) in
+        [(["map", "castle", "--zenoh=a b"], "zenoh"), (["watch", "--json", "zenoh:a b"], of_watch)]
+    {
+        let (code, stdout, stderr) = run(folder.path(), &arguments);
+        assert!(code == 2 && stdout.is_empty(), "{stderr}");
+        let how = format!("--features {feature}");
+        let wanted = if cfg!(feature = "zenoh") { "of a Zenoh router" } else { &how };
+        assert!(stderr.contains(wanted), "{stderr}");
+    }
 }

@@ -10,6 +10,8 @@ mod demo;
 mod doctor;
 #[cfg(feature = "monitor")]
 mod fed;
+#[cfg(feature = "zenoh")]
+mod fleet;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 #[cfg(feature = "demo")]
