@@ -63,11 +63,13 @@ impl WatchArgs {
     }
 
     fn places(&self) -> Vec<&Place> {
-        let place = |link| match link {
-            &Link::Zenoh(ref place) => Some(place),
-            Link::Page(_) => None,
-        };
-        self.links.iter().filter_map(place).collect()
+        let mut places = Vec::new();
+        for link in &self.links {
+            if let Link::Zenoh(place) = link {
+                places.push(place);
+            }
+        }
+        places
     }
 }
 
