@@ -10,7 +10,6 @@
 //!
 //! Nobody commands a robot by Zenoh, which knows no token. Source: zenoh.io, "Abstractions".
 
-mod member;
 mod place;
 mod told;
 
@@ -24,12 +23,10 @@ use lrfslam_host::monitor::Monitor;
 use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait as _};
 
-pub(crate) use self::member::Member;
 pub use self::place::Place;
+use crate::member::{Member, ROOT};
 use crate::remote::Remote;
 
-/// What all keys begin with.
-const ROOT: &str = "lrfslam";
 /// Robots that are shown; more are left out.
 const ROBOTS_MAX: usize = 32;
 /// Longest name of a robot, bytes.

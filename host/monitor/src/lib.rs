@@ -9,11 +9,13 @@ mod access;
 mod doors;
 #[cfg(feature = "zenoh")]
 mod fleet;
-#[cfg(not(feature = "zenoh"))]
-#[path = "no_fleet.rs"]
-mod fleet;
 #[cfg(feature = "foxglove")]
 mod foxglove;
+#[cfg(feature = "zenoh")]
+mod member;
+#[cfg(not(feature = "zenoh"))]
+#[path = "no_member.rs"]
+mod member;
 mod remote;
 mod routes;
 mod server;

@@ -8,7 +8,7 @@ use axum::http::{Method, Request, StatusCode, header};
 use hyper_util::rt::TokioIo;
 use tokio::net::TcpStream;
 
-use crate::fleet::Member;
+use crate::member::Member;
 use crate::routes::STATUS;
 
 /// A state has at most so many bytes.

@@ -14,7 +14,8 @@ use zenoh::qos::CongestionControl;
 use zenoh::query::Query;
 use zenoh::{Session, Wait as _};
 
-use super::{ROOT, fault};
+use super::fault;
+use crate::member::ROOT;
 use crate::routes::{POLL, WAIT};
 
 /// Questions that wait for an answer; more are not heard.

@@ -1,4 +1,4 @@
-//! Robots in Zenoh, of a build without it: there are none.
+//! A robot that was found in Zenoh, of a build without it: there is none.
 
 use axum::body::Bytes;
 use axum::http::{Method, StatusCode};

@@ -5,9 +5,11 @@ use axum::http::{Method, StatusCode};
 use tokio::sync::mpsc::channel;
 use zenoh::{Session, Wait as _};
 
-use super::ROOT;
 use crate::remote::{STATE_BYTES_MAX, WITHIN};
 use crate::routes::STATUS;
+
+/// What all keys begin with.
+pub(crate) const ROOT: &str = "lrfslam";
 
 /// See the [module](self).
 #[derive(Debug, Clone)]
