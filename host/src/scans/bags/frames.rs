@@ -43,7 +43,7 @@ pub(super) struct Chain {
     pub parent_from_child: Isometry3<f64>,
     /// From the upper one to the lower one.
     pub names: Vec<String>,
-    /// Of what was told last on the way.
+    /// Of what was told last of those that move. What stays may be stamped by anything, even ahead.
     pub newest: Option<Instant>,
     /// None of them moves.
     pub is_fixed: bool,
@@ -80,16 +80,20 @@ impl Frames {
             newest: None,
             is_fixed: true,
         };
-        let mut at = child;
+        let (mut at, mut unmoved) = (child, None);
         while at != parent {
             let edge = self.0.get(at).filter(|_| chain.names.len() <= self.0.len())?;
             chain.parent_from_child = edge.parent_from_child * chain.parent_from_child;
-            chain.newest = chain.newest.max(Some(edge.stamp));
+            if !edge.is_static {
+                let newest = if edge.has_moved { &mut chain.newest } else { &mut unmoved };
+                *newest = (*newest).max(Some(edge.stamp));
+            }
             chain.is_fixed &= edge.is_static || (edge.still >= STILL && !edge.has_moved);
             at = &edge.parent;
             chain.names.push(at.to_owned());
         }
         chain.names.reverse();
+        chain.newest = chain.newest.or(unmoved);
         Some(chain)
     }
 
@@ -157,6 +161,19 @@ mod tests {
         frames.add(told("base_link", "laser", 0.2, 0.0), false);
         let chain = frames.chain("base_link", "laser").unwrap();
         assert!(chain.is_fixed && chain.parent_from_child.translation.x == 0.7);
+    }
+
+    #[test]
+    fn a_pose_is_of_the_time_of_what_moves() {
+        let mut frames = Frames::default();
+        let at = |micros, told| Transform { stamp: Instant::from_micros(micros), ..told };
+        frames.add(at(900, told("base_footprint", "base_link", 0.0, 0.0)), false);
+        frames.add(at(999, told("base_link", "laser", 0.0, 0.0)), true);
+        for micros in [100, 200] {
+            frames.add(at(micros, told("odom", "base_footprint", micros as f64, 0.0)), false);
+        }
+        let newest = |child| frames.chain("odom", child).unwrap().newest;
+        assert_eq!((newest("base_link"), newest("laser")), (Some(Instant::from_micros(200)), newest("base_footprint")));
     }
 
     #[test]
