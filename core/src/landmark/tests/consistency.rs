@@ -16,9 +16,19 @@ fn bounds() -> [f64; 2] {
     [-1.96, 1.96].map(|deviations| chi_squared(3 * RUNS as usize, deviations) / RUNS as f64)
 }
 
-/// Mean NEES of the pose at the steps taken.
-fn nees(config: &LandmarkConfig, particles: Option<u16>) -> [f64; TAKEN.len()] {
-    let mut sums = [0.0; TAKEN.len()];
+/// Means over the drives at the steps taken.
+#[derive(Default)]
+struct Told {
+    /// Normalised squared error of the pose.
+    nees: [f64; TAKEN.len()],
+    /// Particles at the start from which those of now come; an EKF has none.
+    ancestors: [f64; TAKEN.len()],
+    /// 1 / Σ w².
+    effective: [f64; TAKEN.len()],
+}
+
+fn told(config: &LandmarkConfig, particles: Option<u16>) -> Told {
+    let mut told = Told::default();
     for seed in 1..=RUNS {
         let mut world = World::new(config, seed);
         let mut pools = EkfPools::new(LANDMARKS);
@@ -28,12 +38,16 @@ fn nees(config: &LandmarkConfig, particles: Option<u16>) -> [f64; TAKEN.len()] {
         let mut maps = vec![FastLandmark::default(); count * LANDMARKS];
         let memory = FastMemory { particles: &mut of_particles, landmarks: &mut maps };
         let mut fast = FastSlam::new(config, seed, memory).unwrap();
+        let mut lines: Vec<usize> = (0..count).collect();
         for step in 0..STEPS {
             let control = world.drive();
             let seen = if step % 5 == 0 { world.look() } else { heapless::Vec::new() };
             if particles.is_some() {
                 fast.predict(&control);
                 fast.observe(&seen);
+                if fast.has_resampled() {
+                    lines = fast.particles().iter().map(|particle| lines[usize::from(particle.parent)]).collect();
+                }
             } else {
                 ekf.predict(&control);
                 ekf.observe(&seen, &mut []);
@@ -43,33 +57,48 @@ fn nees(config: &LandmarkConfig, particles: Option<u16>) -> [f64; TAKEN.len()] {
                 None => (ekf.robot(), ekf.robot_covariance()),
             };
             if let Some(place) = TAKEN.iter().position(|taken| *taken == step) {
-                sums[place] += world.squared_error(&robot, &covariance);
+                told.nees[place] += world.squared_error(&robot, &covariance) / RUNS as f64;
+                let distinct = lines.iter().collect::<std::collections::HashSet<_>>().len();
+                told.ancestors[place] += distinct as f64 / RUNS as f64;
+                let squares: f64 = fast.particles().iter().map(|particle| particle.weight * particle.weight).sum();
+                told.effective[place] += 1.0 / squares / RUNS as f64;
             }
         }
     }
-    sums.map(|sum| sum / RUNS as f64)
+    told
+}
+
+/// Mean NEES of the pose at the steps taken.
+fn nees(config: &LandmarkConfig) -> [f64; TAKEN.len()] {
+    told(config, None).nees
 }
 
 #[test]
 fn the_invariant_ekf_is_consistent() {
-    let (found, [low, high]) = (nees(&LandmarkConfig { invariant: true, ..config() }, None), bounds());
+    let (found, [low, high]) = (nees(&LandmarkConfig { invariant: true, ..config() }), bounds());
     println!("invariant EKF: NEES {found:.2?} at steps {TAKEN:?}, 95 % bounds {low:.2} to {high:.2}");
     assert!(found.iter().all(|value| (low..=high).contains(value)), "{found:?}");
 }
 
 #[test]
 fn the_plain_ekf() {
-    let (found, [low, high]) = (nees(&LandmarkConfig { invariant: false, ..config() }, None), bounds());
+    let (found, [low, high]) = (nees(&LandmarkConfig { invariant: false, ..config() }), bounds());
     println!("plain EKF: NEES {found:.2?} at steps {TAKEN:?}, 95 % bounds {low:.2} to {high:.2}");
 }
 
+/// Of 100 particles, or of as many as `LRFSLAM_PARTICLES` lists.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn fast_slam_tells_its_figures() {
     let [low, high] = bounds();
+    let counts = std::env::var("LRFSLAM_PARTICLES").unwrap_or("100".to_owned());
     for (name, fast_proposal) in [("1.0", false), ("2.0", true)] {
-        let found = nees(&LandmarkConfig { fast_proposal, ..config() }, Some(100));
-        println!("FastSLAM {name}: NEES {found:.2?} at steps {TAKEN:?}, 95 % bounds {low:.2} to {high:.2}");
+        for count in counts.split_whitespace().map(|count| count.parse().unwrap()) {
+            let told = told(&LandmarkConfig { fast_proposal, ..config() }, Some(count));
+            println!("FastSLAM {name}, {count} particles, at steps {TAKEN:?}:");
+            println!("    NEES {:.1?}, 95 % bounds {low:.2} to {high:.2}", told.nees);
+            println!("    ancestors {:.1?}, effective particles {:.0?}", told.ancestors, told.effective);
+        }
     }
 }
 
