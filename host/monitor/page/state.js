@@ -53,6 +53,8 @@ export class Robot {
   scan = new Float32Array(0);
   /** @type {Float32Array} */
   particles = new Float32Array(0);
+  /** @type {Float32Array} x, y, and covariance: xx, xy, yy */
+  landmarks = new Float32Array(0);
   /** @type {Float32Array} */
   cloud = new Float32Array(0);
   /** @type {Float32Array[]} */
@@ -80,7 +82,7 @@ export class Robot {
   clear() {
     this.map.clear();
     [this.status, this.closed, this.pathLength, this.samples] = [null, null, 0, []];
-    this.closures = this.scan = this.particles = this.cloud = new Float32Array(0);
+    this.closures = this.scan = this.particles = this.landmarks = this.cloud = new Float32Array(0);
   }
 
   /**
@@ -142,6 +144,7 @@ export class Robot {
     else if (kind === 6) this.particles = floats();
     else if (kind === 7) this.#extendCloud(part.getUint32(0, true), floats(4));
     else if (kind === 8) this.#samples(floats());
+    else if (kind === 9) this.landmarks = floats();
   }
 
   /**
@@ -151,6 +154,24 @@ export class Robot {
   #status(status, isAll) {
     this.snaps = !isAll && this.status !== null && status.snaps > this.status.snaps;
     this.status = status;
+  }
+
+  /** @returns {[number, number, number, number] | null} what is known lies in it: left, bottom, right, top, m */
+  extent() {
+    const extent = this.map.extent();
+    if (this.landmarks.length === 0) return extent;
+    let [left, bottom, right, top] = extent ?? [Infinity, Infinity, -Infinity, -Infinity];
+    /** @param {Float32Array} points @param {number} length @param {number} step */
+    const take = (points, length, step) => {
+      for (let k = 0; k < length; k += step) {
+        [left, right] = [Math.min(left, points[k]), Math.max(right, points[k])];
+        [bottom, top] = [Math.min(bottom, points[k + 1]), Math.max(top, points[k + 1])];
+      }
+    };
+    take(this.landmarks, this.landmarks.length, 5);
+    take(this.path, 4 * this.pathLength, 4);
+    // In steps, so that the picture does not breathe.
+    return [Math.floor(left - 0.5), Math.floor(bottom - 0.5), Math.ceil(right + 0.5), Math.ceil(top + 0.5)];
   }
 
   /** @param {DataView} part */

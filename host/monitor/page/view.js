@@ -7,6 +7,7 @@ import { CloudView } from "./cloud.js";
 const SCALE = [0.4, 2000]; // pixels a metre
 const PATH_SHADES = 24;
 const FLASH_MS = 2600;
+const CHI_95 = 5.991; // 95 % of chi-squared with two degrees of freedom
 const STEP_PIXELS = 1.5;
 
 export class Camera {
@@ -140,7 +141,7 @@ export class View {
     const [left, bottom, right, top] = this.margins.map((margin) => margin * devicePixelRatio);
     const free = [Math.max(50, camera.width - left - right), Math.max(50, camera.height - top - bottom)];
     if (this.fits) {
-      const extents = this.robots.map((robot) => robot.map.extent()).filter((extent) => extent !== null);
+      const extents = this.robots.map((robot) => robot.extent()).filter((extent) => extent !== null);
       if (extents.length > 0) {
         const [west, south] = [0, 1].map((side) => Math.min(...extents.map((extent) => extent[side])));
         const [east, north] = [2, 3].map((side) => Math.max(...extents.map((extent) => extent[side])));
@@ -193,6 +194,7 @@ export class View {
       drawPath(pen, camera, robot, ratio);
       moves = drawClosures(pen, camera, robot, ratio) || moves;
       drawParticles(pen, camera, robot, ratio);
+      drawLandmarks(pen, camera, robot, ratio);
       drawScan(pen, camera, robot, ratio);
       drawRobot(pen, camera, robot, ratio, this.robots.length > 1);
     }
@@ -383,6 +385,25 @@ function drawParticles(pen, camera, { particles }, ratio) {
     pen.lineTo(px + 9 * ratio * Math.cos(heading), py - 9 * ratio * Math.sin(heading));
   }
   pen.stroke();
+}
+
+/** Each with its 95 % ellipse. @param {Pen} pen @param {Camera} camera @param {Robot} robot @param {number} ratio */
+function drawLandmarks(pen, camera, { landmarks }, ratio) {
+  pen.strokeStyle = pen.fillStyle = theme().closure;
+  pen.lineWidth = ratio;
+  for (let k = 0; k + 5 <= landmarks.length; k += 5) {
+    const [x, y, xx, xy, yy] = landmarks.subarray(k, k + 5);
+    const [px, py] = camera.pixel(x, y);
+    const [mean, half] = [(xx + yy) / 2, Math.hypot((xx - yy) / 2, xy)];
+    const [long, short] = [mean + half, mean - half].map((variance) => camera.scale * Math.sqrt(CHI_95 * Math.max(variance, 0)));
+    pen.beginPath();
+    // Pixels go down.
+    pen.ellipse(px, py, long, short, -0.5 * Math.atan2(2 * xy, xx - yy), 0, 2 * Math.PI);
+    pen.stroke();
+    pen.beginPath();
+    pen.arc(px, py, 2 * ratio, 0, 2 * Math.PI);
+    pen.fill();
+  }
 }
 
 /** What is seen, and each hit in size and colour by how it fits. @param {Pen} pen @param {Camera} camera @param {Robot} robot @param {number} ratio */

@@ -5,6 +5,7 @@
 
 use lrfslam_core::landmark::RobotState;
 use lrfslam_core::landmark::sight::Sensor;
+use lrfslam_core::time::Instant;
 use nalgebra::Vector2;
 use serde::Serialize;
 
@@ -85,7 +86,7 @@ pub fn aligned(drive: &Drive, path: &[TimedPose]) -> (Vec<TimedPose>, Vec<Vector
 
 /// Poses with the true ones of the same time.
 fn with_truth(drive: &Drive, path: &[TimedPose]) -> Vec<(PoseF64, PoseF64)> {
-    let pair = |pose: &TimedPose| Some((pose.map_from_robot.into(), truth_at(&drive.truth, pose)?));
+    let pair = |pose: &TimedPose| Some((pose.map_from_robot.into(), pose_at(&drive.truth, pose.stamp)?));
     path.iter().filter_map(pair).collect()
 }
 
@@ -106,8 +107,7 @@ pub fn range_misfit(drive: &Drive, estimate: &Estimate) -> Option<f64> {
     let mut misfits: Vec<f64> = Vec::new();
     for event in &drive.events {
         let What::Sightings(sightings) = &event.what else { continue };
-        let stamped = TimedPose { stamp: event.stamp, map_from_robot: PoseF64::new(0.0, 0.0, 0.0).to_f32() };
-        let Some(pose) = truth_at(path, &stamped) else { continue };
+        let Some(pose) = pose_at(path, event.stamp) else { continue };
         let robot = RobotState::new(pose.x, pose.y, pose.heading, 1.0, 1.0);
         for sighting in sightings.iter().filter(|sighting| sighting.identity.is_some()) {
             let landmark = landmarks.iter().find(|landmark| landmark.identity == sighting.identity);
@@ -144,11 +144,11 @@ fn by_place(drive: &Drive, landmarks: &[MapLandmark], by_path: Option<PoseF64>) 
     pairs
 }
 
-/// The true pose at the time of `pose`, between its neighbours.
-fn truth_at(truth: &[TimedPose], pose: &TimedPose) -> Option<PoseF64> {
-    let after = truth.partition_point(|known| known.stamp < pose.stamp);
-    let (b, a) = (truth.get(after)?, truth.get(after.checked_sub(1)?).or(truth.get(after))?);
-    let (t, from, to) = (pose.stamp.as_secs_f64(), a.stamp.as_secs_f64(), b.stamp.as_secs_f64());
+/// The pose of `path` at a time, between its neighbours; none before the first, after the last, or in a gap.
+pub(super) fn pose_at(path: &[TimedPose], stamp: Instant) -> Option<PoseF64> {
+    let after = path.partition_point(|known| known.stamp < stamp);
+    let (b, a) = (path.get(after)?, path.get(after.checked_sub(1)?).or(path.get(after))?);
+    let (t, from, to) = (stamp.as_secs_f64(), a.stamp.as_secs_f64(), b.stamp.as_secs_f64());
     if to - from > GAP_MAX_S {
         return None;
     }

@@ -12,7 +12,7 @@ use lrfslam_core::landmark::travel::{Travel, start_covariance};
 use lrfslam_core::landmark::{
     Fate, LandmarkConfig, ROBOT, RobotCovariance, RobotState, Sighting, chi_squared, wrap_angle,
 };
-use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};
 use nalgebra_sparse::factorization::CscCholesky;
 use nalgebra_sparse::{CooMatrix, CscMatrix};
 
@@ -35,7 +35,16 @@ const CERTAIN: f64 = 1e12;
 /// Numbers that all poses share: two scales.
 const SHARED: usize = 2;
 
-/// The landmarks of path and landmarks fitted together, with their covariances; `None` if nothing was seen, there are more than a hundred landmarks, or the equations have no solution.
+/// What was fitted.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// The landmarks, with their covariances.
+    pub landmarks: Vec<MapLandmark>,
+    /// Covariance of all their x and y, m².
+    pub covariance: DMatrix<f64>,
+}
+
+/// The landmarks of path and landmarks fitted together; `None` if nothing was seen, there are more than a hundred landmarks, or the equations have no solution.
 ///
 /// * `path` — the robot after each event; `map` — as the filter left it
 /// * `fates` — for each event, which landmarks its sightings were taken for; without them, identities say it
@@ -45,7 +54,7 @@ pub fn hindsight(
     map: &[MapLandmark],
     path: &[RobotState],
     fates: Option<&[Vec<Fate>]>,
-) -> Option<Vec<MapLandmark>> {
+) -> Option<Fit> {
     if map.is_empty() || map.len() > LANDMARKS_MAX {
         return None;
     }
@@ -67,9 +76,13 @@ pub fn hindsight(
             damping *= 10.0;
         }
     }
-    let covariances = equations.covariances(3 * best.poses.len(), map.len())?;
-    let landmarks = map.iter().zip(&best.landmarks).zip(covariances);
-    Some(landmarks.map(|((landmark, at), covariance)| MapLandmark { at: *at, covariance, ..*landmark }).collect())
+    let covariance = equations.covariance(3 * best.poses.len(), 2 * map.len())?;
+    let of = |(index, (landmark, at)): (usize, (&MapLandmark, &Vector2<f64>))| {
+        let covariance = covariance.fixed_view::<2, 2>(2 * index, 2 * index).into_owned();
+        MapLandmark { at: *at, covariance, ..*landmark }
+    };
+    let landmarks = map.iter().zip(&best.landmarks).enumerate().map(of).collect();
+    Some(Fit { landmarks, covariance })
 }
 
 /// The unknowns.
@@ -283,17 +296,15 @@ impl Equations {
         Some(factor.solve(&self.right)).filter(|change| change.iter().all(|number| number.is_finite()))
     }
 
-    /// Covariances of so many landmarks, the numbers of which begin at `first`.
-    fn covariances(&self, first: usize, landmarks: usize) -> Option<Vec<Matrix2<f64>>> {
+    /// Covariance of so many numbers, the first of which is `first`.
+    fn covariance(&self, first: usize, numbers: usize) -> Option<DMatrix<f64>> {
         let factor = CscCholesky::factor(&CscMatrix::from(&self.matrix)).ok()?;
-        let of = |landmark: usize| {
-            let place = first + 2 * landmark;
-            let mut unit = DMatrix::zeros(self.right.nrows(), 2);
-            (unit[(place, 0)], unit[(place + 1, 1)]) = (1.0, 1.0);
-            let columns = factor.solve(&unit);
-            let block = columns.fixed_view::<2, 2>(place, 0).into_owned();
-            (block + block.transpose()) * 0.5
-        };
-        Some((0..landmarks).map(of).collect())
+        let mut block = DMatrix::zeros(numbers, numbers);
+        for number in 0..numbers {
+            let mut unit = DMatrix::zeros(self.right.nrows(), 1);
+            unit[(first + number, 0)] = 1.0;
+            block.set_column(number, &factor.solve(&unit).column(0).rows(first, numbers));
+        }
+        Some((&block + block.transpose()) * 0.5)
     }
 }

@@ -3,15 +3,19 @@
 //! [`Drive`] (controls and sightings in order of time) ← [`mrclam`], [`victoria`], [`laser`], [`simulated`] → [`mod@run`] → [`LandmarkRun`] → [`mod@errors`],
 //! [`mod@output`].
 
+pub mod duplicates;
 pub mod errors;
+mod filter;
 pub mod hindsight;
 pub mod laser;
 pub mod mrclam;
 pub mod output;
 pub mod run;
+pub mod settle;
 pub mod simulated;
 pub mod smooth;
 pub mod victoria;
+pub mod watch;
 
 use lrfslam_core::landmark::detect::DetectConfig;
 use lrfslam_core::landmark::{Control, LandmarkConfig, Sighting};
@@ -19,7 +23,7 @@ use lrfslam_core::time::Instant;
 
 use crate::trajectory::TimedPose;
 
-pub use self::run::{Estimate, Filter, LandmarkRun, MapLandmark};
+pub use self::run::{Estimate, Filter, Glance, LandmarkRun, MapLandmark};
 
 /// A drive among landmarks, as recorded or simulated.
 #[derive(Debug, Clone)]

@@ -2,14 +2,16 @@
 
 use std::time::Instant as Clock;
 
-use lrfslam_core::landmark::ekf::{EkfMemory, EkfSlam, Landmark};
-use lrfslam_core::landmark::fast::{FastLandmark, FastMemory, FastParticle, FastSlam};
-use lrfslam_core::landmark::{Association, Control, Fate, LandmarkConfig, RobotState, Sighting, SightingCounts};
+use lrfslam_core::landmark::fast::FastParticle;
+use lrfslam_core::landmark::{Association, Fate, LandmarkConfig, RobotState, SightingCounts};
 use lrfslam_core::time::Instant;
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Matrix3, Vector2};
 use serde::Serialize;
 
+use super::errors::pose_at;
+use super::filter::{Memory, Slam, Started};
 use super::hindsight::hindsight;
+use super::settle::settle;
 use super::smooth::smoothed;
 use super::{Drive, What};
 use crate::pose_f64::PoseF64;
@@ -87,17 +89,58 @@ pub struct LandmarkRun {
     pub memory_bytes: usize,
 }
 
+/// A run on its way, after a batch of sightings.
+pub struct Glance<'r> {
+    /// When.
+    pub stamp: Instant,
+    /// Of the events so many are done; 1 at the end, before path and landmarks are fitted.
+    pub share: f64,
+    /// Batches of sightings so far.
+    pub batches: u64,
+    /// Poses so far, as they were believed when they were current.
+    pub path: &'r [TimedPose],
+    slam: &'r Slam<'r>,
+}
+
+impl<'r> Glance<'r> {
+    fn at(stamp: Instant, share: f64, run: &'r LandmarkRun, slam: &'r Slam<'r>) -> Self {
+        Self { stamp, share, batches: run.batches, path: &run.estimate.online, slam }
+    }
+
+    /// Where the robot is now, and the covariance of x, y and heading.
+    pub fn robot(&self) -> (RobotState, Matrix3<f64>) {
+        let covariance = match self.slam {
+            Slam::Ekf(slam) => slam.robot_covariance(),
+            Slam::Fast(slam) => slam.covariance(),
+        };
+        (self.slam.robot(), covariance.fixed_view::<3, 3>(0, 0).into_owned())
+    }
+
+    /// Landmarks; those of the heaviest particle with FastSLAM.
+    pub fn landmarks(&self) -> Vec<MapLandmark> {
+        self.slam.landmarks()
+    }
+
+    /// Poses and weights of the particles; an EKF has none.
+    pub fn particles(&self) -> &[FastParticle] {
+        match self.slam {
+            Slam::Ekf(_) => &[],
+            Slam::Fast(slam) => slam.particles(),
+        }
+    }
+}
+
 /// Runs `filter` over `drive`; `None` if the memory for so many landmarks is no memory at all.
 ///
 /// * `landmarks_max` — room for so many; `seed` — of the random numbers, an EKF has none
-/// * `watch` — is told of every batch: when, and the share of the events that is done
+/// * `watch` — sees the run after every batch, and at the end; the run stops when it says `false`
 pub fn run(
     drive: &Drive,
     config: &LandmarkConfig,
     filter: Filter,
     landmarks_max: usize,
     seed: u64,
-    mut watch: impl FnMut(Instant, f64) -> bool,
+    mut watch: impl FnMut(&Glance<'_>) -> bool,
 ) -> Option<LandmarkRun> {
     let mut memory = Memory::new(filter, landmarks_max);
     let mut state = memory.start(config, filter, seed)?;
@@ -117,7 +160,8 @@ pub fn run(
                 add(&mut run.counts, state.slam.observe(sightings, &mut fates));
                 run.batches += 1;
                 state.paths.resampled(&state.slam);
-                if !watch(event.stamp, index as f64 / drive.events.len() as f64) {
+                let share = index as f64 / drive.events.len() as f64;
+                if !watch(&Glance::at(event.stamp, share, &run, &state.slam)) {
                     break;
                 }
             }
@@ -131,16 +175,10 @@ pub fn run(
         }
     }
     run.wall_s = began.elapsed().as_secs_f64();
-    let robot = state.slam.robot();
-    (run.estimate.distance_scale, run.estimate.turn_scale) = (robot[3], robot[4]);
-    run.estimate.landmarks = state.slam.landmarks();
-    if config.association != Association::Known {
-        run.estimate.landmarks.iter_mut().for_each(|landmark| landmark.identity = None);
+    if let Some(stamp) = last.filter(|_| told.states.len() == drive.events.len()) {
+        watch(&Glance::at(stamp, 1.0, &run, &state.slam));
     }
-    run.estimate.online_landmarks.clone_from(&run.estimate.landmarks);
-    if !told.look_back(drive, config, filter, &mut run.estimate) {
-        run.estimate.path = state.paths.of(&state.slam);
-    }
+    told.conclude(drive, config, filter, &state, &mut run.estimate);
     Some(run)
 }
 
@@ -152,26 +190,77 @@ struct Told {
 }
 
 impl Told {
+    /// What the filter says at the end, and then path and landmarks in hindsight.
+    fn conclude(
+        &mut self,
+        drive: &Drive,
+        config: &LandmarkConfig,
+        filter: Filter,
+        state: &Started<'_>,
+        estimate: &mut Estimate,
+    ) {
+        let robot = state.slam.robot();
+        (estimate.distance_scale, estimate.turn_scale) = (robot[3], robot[4]);
+        estimate.landmarks = state.slam.landmarks();
+        if config.association != Association::Known {
+            estimate.landmarks.iter_mut().for_each(|landmark| landmark.identity = None);
+        }
+        estimate.online_landmarks.clone_from(&estimate.landmarks);
+        estimate.path = state.paths.of(&state.slam);
+        if config.association != Association::Known {
+            self.follow(drive, &estimate.path);
+        }
+        self.look_back(drive, config, filter, estimate);
+    }
+
     /// Path and landmarks in hindsight: the path in the filter's map, then both together, then the path in the map found so.
     ///
-    /// False, and nothing has changed, if the drive was not at its end, or nobody knows what sightings were taken for: without identities,
-    /// FastSLAM's particles choose each for itself.
-    fn look_back(&self, drive: &Drive, config: &LandmarkConfig, filter: Filter, estimate: &mut Estimate) -> bool {
+    /// Nothing changes if the drive was not at its end, or the map is too large for it and nobody knows what sightings were
+    /// taken for: without identities, FastSLAM's particles choose each for itself.
+    fn look_back(&self, drive: &Drive, config: &LandmarkConfig, filter: Filter, estimate: &mut Estimate) {
         let is_known = config.association == Association::Known;
-        let is_told = is_known || filter == Filter::Ekf;
-        let is_whole = !estimate.landmarks.is_empty() && self.states.len() == drive.events.len();
-        if !(is_told && is_whole) {
-            return false;
+        if estimate.landmarks.is_empty() || self.states.len() != drive.events.len() {
+            return;
         }
-        let fates = (!is_known).then_some(&self.fates[..]);
-        let mut path = smoothed(drive, config, &estimate.landmarks, &self.states, fates);
-        if let Some(found) = hindsight(drive, config, &estimate.landmarks, &path, fates) {
-            estimate.landmarks = found;
-            path = smoothed(drive, config, &estimate.landmarks, &path, fates);
-        }
+        // Particles choose each for itself: what sightings are of is found by place alone.
+        let fates = (!is_known && filter == Filter::Ekf).then_some(&self.fates[..]);
+        let settled = match is_known {
+            true => None,
+            false => settle(drive, config, &estimate.landmarks, &self.states, fates),
+        };
+        let path = match settled {
+            Some(settled) => {
+                estimate.landmarks = settled.landmarks;
+                settled.path
+            }
+            None if !is_known && filter != Filter::Ekf => return,
+            None => self.fitted(drive, config, fates, &mut estimate.landmarks),
+        };
         let stamps = drive.events.iter().map(|event| event.stamp);
         estimate.path = thinned(stamps.zip(&path).map(|(stamp, robot)| timed(stamp, robot)).collect());
-        true
+    }
+
+    /// The path, with sightings taken for what the filter took them for, or for what they tell; landmarks are fitted with it.
+    fn fitted(
+        &self,
+        drive: &Drive,
+        config: &LandmarkConfig,
+        fates: Option<&[Vec<Fate>]>,
+        landmarks: &mut Vec<MapLandmark>,
+    ) -> Vec<RobotState> {
+        let path = smoothed(drive, config, landmarks, &self.states, fates);
+        let Some(fit) = hindsight(drive, config, landmarks, &path, fates) else { return path };
+        *landmarks = fit.landmarks;
+        smoothed(drive, config, landmarks, &path, fates)
+    }
+
+    /// Puts the robot on `path`, which has a pose every now and then.
+    fn follow(&mut self, drive: &Drive, path: &[TimedPose]) {
+        for (event, state) in drive.events.iter().zip(&mut self.states) {
+            if let Some(pose) = pose_at(path, event.stamp) {
+                (state[0], state[1], state[2]) = (pose.x, pose.y, pose.heading);
+            }
+        }
     }
 }
 
@@ -198,154 +287,4 @@ fn thinned(path: Vec<TimedPose>) -> Vec<TimedPose> {
         is_due
     };
     path.into_iter().filter(is_due).collect()
-}
-
-/// Memory of a filter.
-struct Memory {
-    numbers: [Vec<f64>; 2],
-    work: Vec<[f64; 4]>,
-    records: Vec<Landmark>,
-    particles: Vec<FastParticle>,
-    maps: Vec<FastLandmark>,
-}
-
-impl Memory {
-    fn new(filter: Filter, landmarks_max: usize) -> Self {
-        let mut new = Self {
-            numbers: [Vec::new(), Vec::new()],
-            work: Vec::new(),
-            records: Vec::new(),
-            particles: Vec::new(),
-            maps: Vec::new(),
-        };
-        match filter {
-            Filter::Ekf => {
-                let [order, triangle, records] = EkfMemory::lengths(landmarks_max);
-                new.numbers = [vec![0.0; order], vec![0.0; triangle]];
-                new.work = vec![[0.0; 4]; order];
-                new.records = vec![Landmark::default(); records];
-            }
-            Filter::Fastslam { particles } => {
-                new.particles = vec![FastParticle::UNUSED; usize::from(particles)];
-                new.maps = vec![FastLandmark::default(); usize::from(particles) * landmarks_max];
-            }
-        }
-        new
-    }
-
-    fn start(&mut self, config: &LandmarkConfig, filter: Filter, seed: u64) -> Option<Started<'_>> {
-        let bytes = size_of_val(&*self.numbers[0])
-            + size_of_val(&*self.numbers[1])
-            + size_of_val(&*self.work)
-            + size_of_val(&*self.records)
-            + size_of_val(&*self.particles)
-            + size_of_val(&*self.maps);
-        let [mean, covariance] = &mut self.numbers;
-        let slam = match filter {
-            Filter::Ekf => {
-                let memory = EkfMemory { mean, covariance, work: &mut self.work, landmarks: &mut self.records };
-                Slam::Ekf(EkfSlam::new(config, memory)?)
-            }
-            Filter::Fastslam { .. } => {
-                let memory = FastMemory { particles: &mut self.particles, landmarks: &mut self.maps };
-                Slam::Fast(FastSlam::new(config, seed, memory)?)
-            }
-        };
-        Some(Started { slam, paths: Paths::default(), bytes })
-    }
-}
-
-struct Started<'m> {
-    slam: Slam<'m>,
-    paths: Paths,
-    bytes: usize,
-}
-
-/// Either filter.
-enum Slam<'m> {
-    Ekf(EkfSlam<'m>),
-    Fast(FastSlam<'m>),
-}
-
-impl Slam<'_> {
-    fn predict(&mut self, control: &Control) {
-        match self {
-            Self::Ekf(slam) => slam.predict(control),
-            Self::Fast(slam) => slam.predict(control),
-        };
-    }
-
-    /// * `fates` — told by an EKF
-    fn observe(&mut self, sightings: &[Sighting], fates: &mut [Fate]) -> SightingCounts {
-        match self {
-            Self::Ekf(slam) => slam.observe(sightings, fates),
-            Self::Fast(slam) => slam.observe(sightings),
-        }
-    }
-
-    fn robot(&self) -> RobotState {
-        match self {
-            Self::Ekf(slam) => slam.robot(),
-            Self::Fast(slam) => slam.mean(),
-        }
-    }
-
-    fn landmarks(&self) -> Vec<MapLandmark> {
-        let of = |record: Landmark, at, covariance| MapLandmark {
-            number: record.number,
-            identity: record.identity,
-            sightings: record.sightings,
-            at,
-            covariance,
-        };
-        match self {
-            Self::Ekf(slam) => slam.landmarks().map(|(record, at, covariance)| of(record, at, covariance)).collect(),
-            Self::Fast(slam) => slam.landmarks(slam.best()).iter().map(|l| of(l.record, l.at, l.covariance)).collect(),
-        }
-    }
-}
-
-/// Paths of all particles: poses by index at each time, and where an index came from at each resampling.
-#[derive(Default)]
-struct Paths {
-    steps: Vec<Step>,
-}
-
-enum Step {
-    Poses(Instant, Vec<PoseF64>),
-    Parents(Vec<u16>),
-}
-
-impl Paths {
-    fn record(&mut self, stamp: Instant, slam: &Slam<'_>) {
-        if let Slam::Fast(slam) = slam {
-            let pose = |p: &FastParticle| PoseF64::new(p.robot[0], p.robot[1], p.robot[2]);
-            self.steps.push(Step::Poses(stamp, slam.particles().iter().map(pose).collect()));
-        }
-    }
-
-    fn resampled(&mut self, slam: &Slam<'_>) {
-        if let Slam::Fast(slam) = slam
-            && slam.has_resampled()
-        {
-            self.steps.push(Step::Parents(slam.particles().iter().map(|particle| particle.parent).collect()));
-        }
-    }
-
-    /// The path of the heaviest.
-    fn of(&self, slam: &Slam<'_>) -> Vec<TimedPose> {
-        let Slam::Fast(slam) = slam else { return Vec::new() };
-        let mut index = slam.best();
-        let mut path = Vec::new();
-        for step in self.steps.iter().rev() {
-            match step {
-                Step::Parents(parents) => index = parents.get(index).map_or(0, |parent| usize::from(*parent)),
-                Step::Poses(stamp, poses) => {
-                    path.extend(poses.get(index).map(|pose| TimedPose { stamp: *stamp, map_from_robot: pose.to_f32() }))
-                }
-            }
-        }
-        path.reverse();
-        path
-    }
 }

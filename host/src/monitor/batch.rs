@@ -57,6 +57,8 @@ pub enum State {
     Frozen,
     /// The robot has not found itself in a map.
     Searching,
+    /// All has come, and is fitted together.
+    Fitting,
 }
 
 /// What was counted so far.
@@ -106,6 +108,8 @@ pub struct Now {
     pub hits: Vec<Point2>,
     /// Poses and weights of the particles, low frame.
     pub particles: Vec<(Pose2, f32)>,
+    /// Landmarks: x, y (m), and their covariance, xx, xy, yy (m²); map frame.
+    pub landmarks: Vec<[f32; 5]>,
     /// Of the last step of the particle filter.
     pub effective_sample_size: Option<f32>,
     /// Counted so far.

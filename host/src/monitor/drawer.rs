@@ -258,6 +258,9 @@ impl Drawer {
             if particles != scene.particles.is {
                 (scene.particles.is, scene.particles.changed) = (particles, changed);
             }
+            if now.landmarks != scene.landmarks.is {
+                (scene.landmarks.is, scene.landmarks.changed) = (now.landmarks.clone(), changed);
+            }
         }
         scene.cloud.extend(self.cloud.drain(..).map(|point| (point, changed)));
         scene.status.clone_from(&self.status);

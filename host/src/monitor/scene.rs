@@ -44,6 +44,8 @@ pub(super) struct Scene {
     pub scan: Part<Vec<(f32, f32, u8)>>,
     /// x, y, heading, weight.
     pub particles: Part<Vec<[f32; 4]>>,
+    /// x, y, and covariance: xx, xy, yy.
+    pub landmarks: Part<Vec<[f32; 5]>>,
     /// Points of the 3D map, and when each came.
     pub cloud: Vec<([f32; 3], u64)>,
     pub samples: Vec<(Sample, u64)>,

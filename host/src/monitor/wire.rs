@@ -13,6 +13,7 @@
 //! | 6 particles | each: x, y, heading, weight |
 //! | 7 cloud | index of the first point; each: x, y, z |
 //! | 8 rates | each `Sample`: s since the first, scans a second, ms a scan, ms late, effective sample size, megabytes |
+//! | 9 landmarks | each: x, y, and covariance: xx, xy, yy |
 //!
 //! A tile's cells go row by row from below, in runs of a byte: two bits of what (0 unknown, 1 free, 2 occupied), six of how many less one.
 //! Layer 0 is the map, layer 1 the piece of a robot that was lost. A tile without bytes is unknown.
@@ -75,6 +76,9 @@ pub(super) fn encode(scene: &Scene, since: u64) -> Vec<u8> {
     }
     if scene.particles.changed > since {
         out.section(6, |out| out.f32s(scene.particles.is.iter().copied().flatten()));
+    }
+    if scene.landmarks.changed > since {
+        out.section(9, |out| out.f32s(scene.landmarks.is.iter().copied().flatten()));
     }
     let known = scene.cloud.partition_point(|(_, changed)| *changed <= since);
     if known < scene.cloud.len() {

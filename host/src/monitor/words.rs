@@ -33,6 +33,7 @@ pub(super) fn words(status: &Status, state: State, silent_s: f32) -> (Vec<String
     match (&status.ended, status.is_paused) {
         (Some(ended), _) => say(Mood::Good, ended.clone()),
         (None, true) => say(Mood::Good, "paused".to_owned()),
+        (None, false) if state == State::Fitting => {}
         (None, false) if silent_s > SILENT_S => say(Mood::Bad, format!("no scan for {silent_s:.0} s")),
         _ if status.scans == 0 => say(Mood::Good, "waiting for the first scan".to_owned()),
         _ => {}
@@ -41,6 +42,7 @@ pub(super) fn words(status: &Status, state: State, silent_s: f32) -> (Vec<String
         State::Lost => say(Mood::Bad, "lost: the scan fits nowhere in the map".to_owned()),
         State::Blind => say(Mood::Bad, "the laser sees nothing: is it covered?".to_owned()),
         State::Frozen => say(Mood::Doubt, "the laser repeats itself: is it frozen?".to_owned()),
+        State::Fitting => say(Mood::Good, "path and landmarks are fitted together".to_owned()),
         State::Searching => say(Mood::Doubt, "looking where in the map the robot is: drive a few metres".to_owned()),
         State::Tracking if status.undetermined.is_some() => {
             say(Mood::Doubt, "corridor: position along it is a guess".to_owned());

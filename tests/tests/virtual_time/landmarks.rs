@@ -134,7 +134,7 @@ fn reflectors() -> Vec<[f64; 2]> {
 }
 
 fn mapped(drive: &Drive, filter: Filter) -> LandmarkErrors {
-    let done = run(drive, &drive.config, filter, 60, 1, |_, _| true).unwrap();
+    let done = run(drive, &drive.config, filter, 60, 1, |_| true).unwrap();
     let errors = errors(drive, done.estimate.best_path(), &done.estimate.landmarks);
     println!("{filter:?}: {errors:?}, {:?}", done.counts);
     errors

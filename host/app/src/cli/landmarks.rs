@@ -2,22 +2,27 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant as WallInstant};
 
 use anyhow::Context as _;
 use clap::{Args, Subcommand, ValueEnum};
 use lrfslam_core::config::Section as _;
 use lrfslam_core::landmark::detect::DetectConfig;
 use lrfslam_core::landmark::{Association, LandmarkConfig};
+use lrfslam_core::time::Instant;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use super::monitor::MonitorArgs;
 use super::out::OutArgs;
 use super::shared::{SeedArgs, TellArgs};
 use super::{Failure, interrupt_flag};
 use lrfslam_host::landmarks::mrclam::Ranges;
 use lrfslam_host::landmarks::output::{LandmarkReport, write};
+use lrfslam_host::landmarks::watch::{show, show_end};
 use lrfslam_host::landmarks::{Drive, Filter, laser, mrclam, run::run as run_filter, simulated, victoria};
+use lrfslam_host::maps::occupancy::MapConfig;
 
 /// Map point landmarks by EKF-SLAM or FastSLAM.
 ///
@@ -80,8 +85,13 @@ struct DriveArgs {
     seed: SeedArgs,
     #[command(flatten)]
     out: OutArgs,
+    /// Take the drive so many times as fast as it was driven, to watch it [default: as fast as it goes].
+    #[arg(long, value_name = "FACTOR", conflicts_with = "seeds", value_parser = pace)]
+    pace: Option<f64>,
     #[command(flatten)]
     tell: TellArgs,
+    #[command(flatten)]
+    monitor: MonitorArgs,
 }
 
 /// How keys of the detector begin.
@@ -117,17 +127,56 @@ pub(super) fn run(args: &LandmarksArgs) -> Result<(), Failure> {
     }
     let stop = interrupt_flag().map_err(Failure::start)?;
     let mut folder = args.out.folder("landmarks")?;
-    let done = run_filter(&drive, &config, filter, usize::from(args.landmarks_max), args.seed.seed, |_, _| {
+    let mut watched = args.monitor.watched(("landmarks", drive.name.clone(), None), MapConfig::default(), stop)?;
+    watched.open(true, args.tell)?;
+    let mut pace = Pace::new(args.pace, stop);
+    let done = run_filter(&drive, &config, filter, usize::from(args.landmarks_max), args.seed.seed, |glance| {
+        pace.wait(glance.stamp);
+        watched.show(|feed| show(feed, glance));
+        watched.pause(|feed| show(feed, glance));
         !stop.load(Ordering::Relaxed)
     });
     let done = done.ok_or_else(no_memory)?;
     let report = LandmarkReport::new(&drive, &config, filter, args.seed.seed, &done);
     folder.save(|place| write(place, &drive, &done, &report)).map_err(Failure::Work)?;
     args.tell.print(&report, || summary(&report, folder.named()))?;
+    watched.begin_anew();
+    let words = format!("done: results in {}", folder.named().display());
+    watched.finish(&words, |feed| show_end(feed, &done.estimate, done.batches));
     match stop.load(Ordering::Relaxed) {
         true => Err(Failure::Interrupted(anyhow::anyhow!("the drive was not at its end: results are partial"))),
         false => Ok(()),
     }
+}
+
+/// Takes the drive no faster than its pace.
+struct Pace {
+    /// Times as fast as it was driven; `None`: as fast as it goes.
+    pace: Option<f64>,
+    /// When the drive began, by its stamps and by the clock of the wall.
+    began: Option<(Instant, WallInstant)>,
+    stop: &'static AtomicBool,
+}
+
+impl Pace {
+    fn new(pace: Option<f64>, stop: &'static AtomicBool) -> Self {
+        Self { pace, began: None, stop }
+    }
+
+    /// Returns when `stamp` is due, or at ctrl-C.
+    fn wait(&mut self, stamp: Instant) {
+        let Some(pace) = self.pace else { return };
+        let (first, began) = *self.began.get_or_insert((stamp, WallInstant::now()));
+        let due = (stamp.as_secs_f64() - first.as_secs_f64()) / pace;
+        while !self.stop.load(Ordering::Relaxed) && began.elapsed().as_secs_f64() < due {
+            std::thread::sleep(Duration::from_secs_f64((due - began.elapsed().as_secs_f64()).clamp(0.0, 0.02)));
+        }
+    }
+}
+
+fn pace(text: &str) -> Result<f64, String> {
+    let pace: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (0.01..=1e6).contains(&pace) { Ok(pace) } else { Err("must lie in 0.01 to 1000000".to_owned()) }
 }
 
 fn range_scale(text: &str) -> Result<f64, String> {
@@ -202,7 +251,7 @@ impl DriveArgs {
         );
         for seed in 1..=seeds {
             let room = usize::from(self.landmarks_max);
-            let done = run_filter(drive, config, filter, room, seed, |_, _| true).ok_or_else(no_memory)?;
+            let done = run_filter(drive, config, filter, room, seed, |_| true).ok_or_else(no_memory)?;
             let report = LandmarkReport::new(drive, config, filter, seed, &done);
             let (end, way) = (&report.errors, &report.online);
             let errors = [way.path_rmse_m, end.path_rmse_m, way.landmarks_rmse_m, end.landmarks_rmse_m];

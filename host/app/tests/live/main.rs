@@ -32,6 +32,8 @@ mod page_far;
 #[cfg(feature = "monitor")]
 mod page_hands;
 #[cfg(feature = "monitor")]
+mod page_landmarks;
+#[cfg(feature = "monitor")]
 mod page_mcu;
 #[cfg(feature = "monitor")]
 mod page_pictures;

@@ -34,6 +34,7 @@ pub const OPTIONS: &[(&str, &str)] = &[
     ("cloud ok.log --trajectory ok.tum --tilt tilt.txt", "--voxel"),
     ("cloud ok.log --trajectory ok.tum --tilt tilt.txt", "--side"),
     ("landmarks ekf --data sim", "--range-scale"),
+    ("landmarks ekf --data sim", "--pace"),
     ("landmarks ekf --data sim", "--seeds"),
     ("landmarks fastslam --data sim --out out", "--particles"),
     ("calibrate ok.log --truth ok.tum", "--seed"),
