@@ -7,8 +7,11 @@
 //! what is recorded as range is d cos β. Against the ground truth of dataset 7, recorded over true range falls from 1.02 ahead to 0.90 at
 //! 0.55 rad; divided by cos β it is the same at all bearings to 1 %, and its spread goes from 0.10 to 0.02 m. The reader divides.
 //!
+//! **Their scale is right on average.** Who records depths as distances has calibrated them as distances, and so has made them right over the
+//! bearings that occur: depths then are too long by the mean of 1/cos β over these. The reader divides by that mean, too: no truth is needed.
+//!
 //! A camera may still measure all lengths too long or too short. No SLAM can find that out: a robot that also does not know the scale of its
-//! odometry has no other measure of length. The scale is for the caller to tell, from a calibration of the camera; none is assumed.
+//! odometry has no other measure of length. What is left is for the caller to tell, from a calibration of the camera.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -50,13 +53,19 @@ pub fn read(place: &Path, robot: u8, ranges: Ranges, range_scale: f64) -> anyhow
     let measurements = numbers(&file(&format!("robot{robot}_measurement.dat"))?, "t barcode range bearing", 4)?;
     let velocities: Vec<Velocity> =
         in_order(odometry).map(|row| Velocity { t: row[0], forward_m_s: row[1], turn_rad_s: row[2] }).collect();
+    let to_distance = match ranges {
+        Ranges::Depths => mean_stretch(&measurements),
+        Ranges::Distances => 1.0,
+    }
+    .recip();
     let sightings = in_order(measurements).filter_map(|row| {
         // A code that nobody has was misread.
         let subject = *subjects.get(&code(row[1])?)?;
         let range_m = match ranges {
-            Ranges::Depths => row[2] / row[3].cos(),
+            Ranges::Depths => row[2] * stretch(row[3]),
             Ranges::Distances => row[2],
-        } * range_scale;
+        } * to_distance
+            * range_scale;
         let sighting = Sighting { range_m, bearing_rad: row[3], identity: Some(subject), noise: None };
         (subject > ROBOTS).then_some((row[0], sighting))
     });
@@ -81,6 +90,17 @@ pub fn read(place: &Path, robot: u8, ranges: Ranges, range_scale: f64) -> anyhow
         detect: None,
         has_identities: true,
     })
+}
+
+/// How much longer the ray at bearing `beta_rad` is than its depth; cameras see less than 80° to each side.
+fn stretch(beta_rad: f64) -> f64 {
+    beta_rad.cos().max(0.17).recip()
+}
+
+/// The mean over all measurements (`t barcode range bearing`); 1 without any.
+fn mean_stretch(measurements: &[Vec<f64>]) -> f64 {
+    let sum: f64 = measurements.iter().map(|row| stretch(row[3])).sum();
+    if measurements.is_empty() { 1.0 } else { sum / measurements.len() as f64 }
 }
 
 /// Noise of these robots and cameras.
@@ -156,5 +176,19 @@ pub(super) fn find(place: &Path, ending: &str) -> anyhow::Result<PathBuf> {
             second.display(),
             folder.display()
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depths_become_distances_that_are_the_same_on_average() {
+        let measurements = [0.0, -0.5, 0.3].map(|beta| vec![0.0, 63.0, 2.0, beta]);
+        let mean = mean_stretch(&measurements);
+        let distances: f64 = measurements.iter().map(|row| row[2] * stretch(row[3]) / mean).sum();
+        assert!((distances - 6.0).abs() < 1e-12, "{distances}");
+        assert!(stretch(0.5) > 1.13 && (mean_stretch(&[]) - 1.0).abs() < 1e-12);
     }
 }
