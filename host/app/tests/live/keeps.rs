@@ -35,6 +35,15 @@ fn scans(folder: &Path, what: &str) -> i64 {
     poses as i64
 }
 
+/// The same command, which ctrl-C ends before it listens for it, too: what the shell runs in the background, tests as well, ignores it.
+fn interruptible(command: &Command) -> Command {
+    let mut by_env = Command::new("env");
+    by_env.arg("--default-signal=INT").arg(command.get_program()).args(command.get_args());
+    by_env.envs(command.get_envs().filter_map(|(name, value)| Some((name, value?))));
+    by_env.current_dir(command.get_current_dir().unwrap_or(Path::new(".")));
+    by_env
+}
+
 /// Starts the command over an old set, ends it after `moment_ms`, and looks at what is there; scans that were saved, or -1.
 fn end_at(folder: &Path, arguments: &[&str], (end, moment_ms): (End, u64), codes: &[i32]) -> i64 {
     for name in ["out", "out.part"] {
@@ -44,8 +53,8 @@ fn end_at(folder: &Path, arguments: &[&str], (end, moment_ms): (End, u64), codes
     fs::write(folder.join("out/run.json"), "old").unwrap();
     let arguments = [arguments, &["--out", "out", "--overwrite", "-q"]].concat();
     let what = format!("{arguments:?} {end:?} after {moment_ms} ms");
-    let mut command = lrfslam(folder, &arguments);
-    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child =
+        interruptible(&lrfslam(folder, &arguments)).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     std::thread::sleep(Duration::from_millis(moment_ms));
     match end {
         End::Kill => child.kill().unwrap(),
