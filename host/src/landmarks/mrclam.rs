@@ -28,6 +28,9 @@ use crate::trajectory::TimedPose;
 /// Subjects up to this one are robots.
 const ROBOTS: u16 = 5;
 
+/// The least cosine of a bearing: cameras see less than 80° to each side.
+const COS_MIN: f64 = 0.17;
+
 /// What the recorded ranges are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Ranges {
@@ -53,19 +56,14 @@ pub fn read(place: &Path, robot: u8, ranges: Ranges, range_scale: f64) -> anyhow
     let measurements = numbers(&file(&format!("robot{robot}_measurement.dat"))?, "t barcode range bearing", 4)?;
     let velocities: Vec<Velocity> =
         in_order(odometry).map(|row| Velocity { t: row[0], forward_m_s: row[1], turn_rad_s: row[2] }).collect();
-    let to_distance = match ranges {
-        Ranges::Depths => mean_stretch(&measurements),
-        Ranges::Distances => 1.0,
-    }
-    .recip();
+    let mean_stretch = mean_stretch(&measurements);
     let sightings = in_order(measurements).filter_map(|row| {
         // A code that nobody has was misread.
         let subject = *subjects.get(&code(row[1])?)?;
         let range_m = match ranges {
-            Ranges::Depths => row[2] * stretch(row[3]),
+            Ranges::Depths => row[2] * stretch(row[3]) / mean_stretch,
             Ranges::Distances => row[2],
-        } * to_distance
-            * range_scale;
+        } * range_scale;
         let sighting = Sighting { range_m, bearing_rad: row[3], identity: Some(subject), noise: None };
         (subject > ROBOTS).then_some((row[0], sighting))
     });
@@ -92,9 +90,9 @@ pub fn read(place: &Path, robot: u8, ranges: Ranges, range_scale: f64) -> anyhow
     })
 }
 
-/// How much longer the ray at bearing `beta_rad` is than its depth; cameras see less than 80° to each side.
+/// How much longer the ray at bearing `beta_rad` is than its depth.
 fn stretch(beta_rad: f64) -> f64 {
-    beta_rad.cos().max(0.17).recip()
+    beta_rad.cos().max(COS_MIN).recip()
 }
 
 /// The mean over all measurements (`t barcode range bearing`); 1 without any.
