@@ -5,6 +5,7 @@
 //! the undamaged bytes by code of its own ([`oracle`]), and so counts published scans that are none of them.
 
 pub mod data;
+pub mod drives;
 pub mod entries;
 pub mod mcu;
 pub mod oracle;
