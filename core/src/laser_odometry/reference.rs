@@ -1,10 +1,14 @@
 //! What scans are matched against: how it grows, what stays out of it, and how it begins anew.
 
-use super::{LaserOdometry, Reference, walls, witnesses};
+#[cfg(feature = "witnesses")]
+use super::witnesses;
+use super::{LaserOdometry, Reference, walls};
 use crate::filter::{self, PointCapacityError};
 use crate::geometry::{Point2, Pose2};
 use crate::ndt::{InsertReport, NdtGrid};
+use crate::scan::{Echo, RangeScan};
 use crate::sweep::Sweep;
+use crate::time::Instant;
 
 /// The recent scans are those of so much way, m: chosen, so that the way back out of a dead end is matched against the way in.
 const RECENT_WAY_M: f32 = 60.0;
@@ -12,12 +16,41 @@ const RECENT_WAY_M: f32 = 60.0;
 /// A scan that is kept: it will be removed from the reference again, or is a witness.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct KeyScan {
-    pub(super) map_from_robot: Pose2,
-    /// Where the laser was, robot frame.
-    pub(super) eye: Point2,
+    pub(super) taken: Taken,
     pub(super) count: usize,
     /// Way until it was taken, m.
     way_m: f32,
+}
+
+/// When and where a scan was taken, and how far and finely it sees.
+#[derive(Debug, Clone, Copy, Default)]
+#[cfg_attr(not(feature = "witnesses"), expect(dead_code, reason = "witnesses alone ask"))]
+pub(super) struct Taken {
+    pub(super) at: Instant,
+    pub(super) map_from_robot: Pose2,
+    /// Where the laser was, robot frame.
+    pub(super) eye: Point2,
+    /// Range of the farthest hit, m: what a laser is said to reach is often more than it does.
+    pub(super) farthest_m: f32,
+    /// Angle from beam to beam, rad.
+    pub(super) beam_rad: f32,
+}
+
+impl Taken {
+    /// * `robot_from_lrf` — where the laser sits on the robot
+    pub(super) fn new(scan: &RangeScan<'_>, robot_from_lrf: Pose2, map_from_robot: Pose2) -> Self {
+        let fan = scan.beams.first().zip(scan.beams.last()).map_or(0.0, |(a, b)| (b.bearing_rad - a.bearing_rad).abs());
+        Self {
+            at: scan.stamp,
+            map_from_robot,
+            eye: robot_from_lrf.position(),
+            farthest_m: scan
+                .beams
+                .iter()
+                .fold(0.0, |most, beam| if let Echo::Hit(range_m) = beam.echo { range_m.max(most) } else { most }),
+            beam_rad: fan / scan.beams.len().saturating_sub(1).max(1) as f32,
+        }
+    }
 }
 
 impl LaserOdometry<'_> {
@@ -56,7 +89,7 @@ impl LaserOdometry<'_> {
             return Ok(self.ndt.insert(hits, map_from_scan).dropped);
         }
         let hits = hits.len();
-        Ok(self.extend_map(map_from_scan, sweep.robot_from_lrf.position(), (points, hits)).dropped)
+        Ok(self.extend_map(Taken::new(&sweep.scan, sweep.robot_from_lrf, map_from_scan), (points, hits)).dropped)
     }
 
     /// Cells of the reference that count now stay as they are; see [`NdtGrid::freeze`](crate::ndt::NdtGrid::freeze). For a robot in a map that shall not change.
@@ -65,16 +98,12 @@ impl LaserOdometry<'_> {
     }
 
     /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.
-    pub(super) fn extend(
-        &mut self,
-        map_from_robot: Pose2,
-        eye: Point2,
-        (points, hits): (usize, usize),
-    ) -> InsertReport {
+    pub(super) fn extend(&mut self, taken: Taken, (points, hits): (usize, usize)) -> InsertReport {
+        let map_from_robot = taken.map_from_robot;
         self.way_m += self.map_from_key.between(map_from_robot).position().norm();
         self.map_from_key = map_from_robot;
         if self.config.odometry.reference == Reference::WholeMap {
-            return self.extend_map(map_from_robot, eye, (points, hits));
+            return self.extend_map(taken, (points, hits));
         }
         self.let_go_behind();
         let reference = self.config.odometry.reference;
@@ -82,7 +111,7 @@ impl LaserOdometry<'_> {
         let Self { ndt, key_points, key_scans, .. } = self;
         if let Some((key, memory)) = next_slot(key_scans, key_points, &mut self.key_count) {
             key.remove_from(ndt, memory, reference);
-            key.keep(memory, hits, map_from_robot, eye);
+            key.keep(memory, hits, taken);
             key.way_m = self.way_m;
         }
         if reference == Reference::RecentScans {
@@ -106,49 +135,58 @@ impl LaserOdometry<'_> {
     }
 
     /// The same for the whole map: what moves is not map.
-    pub(super) fn extend_map(
-        &mut self,
-        map_from_robot: Pose2,
-        eye: Point2,
-        (points, hits): (usize, usize),
-    ) -> InsertReport {
+    #[cfg(feature = "witnesses")]
+    pub(super) fn extend_map(&mut self, taken: Taken, (points, hits): (usize, usize)) -> InsertReport {
         let points = self.points.get(..points).unwrap_or_default();
         let hits = self.hits.get_mut(..hits).unwrap_or_default();
         let Self { ndt, key_points, key_scans, .. } = self;
-        let standing = witnesses::keep_standing(hits, map_from_robot, key_scans, key_points);
+        let standing = witnesses::keep_standing(hits, &taken, key_scans, key_points);
         let hits = hits.get(..standing).unwrap_or_default();
         // Without witnesses all is map: what a ray goes through would depend on what is in memory far away.
         if !key_scans.is_empty() {
-            ndt.look_through(hits, eye, map_from_robot, self.turn);
+            ndt.look_through(hits, taken.eye, taken.map_from_robot, self.turn);
         }
         self.turn = self.turn.wrapping_add(1);
         let newest = self.key_count.checked_sub(1).and_then(|index| key_scans.get(index % key_scans.len().max(1)));
-        let is_due = newest.is_none_or(|newest| witnesses::is_due(newest.map_from_robot.between(map_from_robot)));
+        let is_due =
+            newest.is_none_or(|newest| witnesses::is_due(newest.taken.map_from_robot.between(taken.map_from_robot)));
         if is_due && let Some((witness, memory)) = next_slot(key_scans, key_points, &mut self.key_count) {
-            witness.keep(memory, points, map_from_robot, eye);
+            witness.keep(memory, points, taken);
         }
-        let inserted = ndt.insert(hits, map_from_robot);
-        walls::between(hits, |wall| {
-            ndt.insert(wall, map_from_robot);
-        });
-        inserted
+        draw(ndt, hits, taken.map_from_robot)
     }
+
+    /// The same for the whole map: all that is seen.
+    #[cfg(not(feature = "witnesses"))]
+    pub(super) fn extend_map(&mut self, taken: Taken, (_, hits): (usize, usize)) -> InsertReport {
+        draw(&mut self.ndt, self.hits.get(..hits).unwrap_or_default(), taken.map_from_robot)
+    }
+}
+
+/// Draws hits, and the walls between them, in the map.
+fn draw(ndt: &mut NdtGrid<'_>, hits: &[Point2], map_from_robot: Pose2) -> InsertReport {
+    let inserted = ndt.insert(hits, map_from_robot);
+    walls::between(hits, |wall| {
+        ndt.insert(wall, map_from_robot);
+    });
+    inserted
 }
 
 impl KeyScan {
     /// Takes the scan, whose points are at the front of `memory`, out of the reference.
     fn remove_from(&mut self, ndt: &mut NdtGrid<'_>, memory: &[Point2], reference: Reference) {
         let points = memory.get(..self.count).unwrap_or_default();
-        ndt.remove(points, self.map_from_robot);
+        let map_from_robot = self.taken.map_from_robot;
+        ndt.remove(points, map_from_robot);
         if reference == Reference::RecentScans {
-            walls::between(points, |wall| ndt.remove(wall, self.map_from_robot));
+            walls::between(points, |wall| ndt.remove(wall, map_from_robot));
         }
         self.count = 0;
     }
 
     /// Becomes the scan with these `points`, as far as there is `memory` for them.
-    pub(super) fn keep(&mut self, memory: &mut [Point2], points: &[Point2], map_from_robot: Pose2, eye: Point2) {
-        *self = Self { map_from_robot, eye, count: points.len().min(memory.len()), ..*self };
+    pub(super) fn keep(&mut self, memory: &mut [Point2], points: &[Point2], taken: Taken) {
+        *self = Self { taken, count: points.len().min(memory.len()), ..*self };
         memory.iter_mut().zip(points).for_each(|(to, from)| *to = *from);
     }
 }

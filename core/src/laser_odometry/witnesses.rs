@@ -4,10 +4,16 @@
 //! hold the robot back. A scan is a star-shaped free space about the laser, bounded by its hits; a hit well inside the free
 //! space of two earlier scans, and near the border of none, moves; so does one that stands in the robot's frame where it stood for two
 //! of them, though the robot has moved. What stands still is soon seen by them too, and then it is map.
+//!
+//! Where beams return nothing no witness has seen a place free. What [stands alone](super::lone) there may walk, and in a corridor longer
+//! than the laser sees it is all that speaks about the way: it is map only once it has been seen to stand.
 
 use super::KeyScan;
+use super::lone::Objects;
+use super::reference::Taken;
 use crate::geometry::{Point2, Pose2};
 use crate::math::wrap_angle;
+use crate::time::Duration;
 
 /// A place nearer than this to what a witness saw is no longer free, m: more than errors of pose and range.
 const CLEARANCE_M: f32 = 0.3;
@@ -19,6 +25,12 @@ const NEIGHBOURS: usize = 3;
 const CARRIED_M: f32 = 0.1;
 /// So many witnesses must have seen a place free. Chosen.
 const WITNESSES_MIN: usize = 2;
+/// What stands alone has stood if it was so near to here, m …
+const STOOD_M: f32 = 0.2;
+/// … so long ago: who walks goes a metre in it. Both chosen.
+const STOOD_FOR: Duration = Duration::from_millis(1000);
+/// A robot that goes more than this share of how far it sees in a second cannot wait: it has passed what it sees before that has stood. Chosen.
+const PASSED_SHARE: f32 = 0.2;
 /// A witness is taken after so much travel, m …
 const APART_M: f32 = 0.5;
 /// … or so much rotation, degrees. Both chosen, so that who keeps up with the robot has left his place.
@@ -40,45 +52,73 @@ pub(super) fn is_due(step: Pose2) -> bool {
     step.position().norm() >= APART_M || step.heading.abs() >= APART_DEG.to_radians()
 }
 
-/// Moves those of `points` (robot frame) that do not move to the front, in order; returns how many these are.
+/// True if the robot is slow enough to wait until what stands alone has been seen to stand.
+fn can_wait(taken: &Taken, witnesses: &[KeyScan]) -> bool {
+    let newest =
+        witnesses.iter().filter(|witness| witness.count > 0).map(|witness| &witness.taken).max_by_key(|w| w.at);
+    newest.is_none_or(|newest| {
+        let way_m = newest.map_from_robot.between(taken.map_from_robot).position().norm();
+        let seconds = taken.at.since(newest.at).as_secs_f32();
+        seconds <= 0.0 || way_m <= PASSED_SHARE * taken.farthest_m * seconds
+    })
+}
+
+/// Moves those of `hits` (robot frame, in beam order) that do not move to the front, in order; returns how many these are.
 ///
+/// * `taken` — their scan
 /// * `witnesses` — with the hits of each, robot frame, in beam order
 pub(super) fn keep_standing(
-    points: &mut [Point2],
-    map_from_robot: Pose2,
+    hits: &mut [Point2],
+    taken: &Taken,
     witnesses: &[KeyScan],
     witness_points: &[Point2],
 ) -> usize {
+    if witnesses.is_empty() {
+        return hits.len();
+    }
     let room = witness_points.len().checked_div(witnesses.len()).unwrap_or(0).max(1);
+    let mut objects = can_wait(taken, witnesses).then(|| Objects::new(taken)).flatten();
     let mut kept = 0;
-    for index in 0..points.len() {
-        let Some(point) = points.get(index).copied() else { break };
-        let place = map_from_robot.transform(point);
-        let moves = moves((place, point), witnesses.iter().zip(witness_points.chunks(room)));
-        if let Some(slot) = points.get_mut(kept).filter(|_| !moves) {
-            *slot = point;
+    for index in 0..hits.len() {
+        let is_alone = objects.as_mut().is_some_and(|objects| objects.is_alone(hits, index));
+        let Some(hit) = hits.get(index).copied() else { break };
+        let place = Place { in_map: taken.map_from_robot.transform(hit), in_robot: hit, is_alone };
+        let moves = place.moves(taken, witnesses.iter().zip(witness_points.chunks(room)));
+        if let Some(slot) = hits.get_mut(kept).filter(|_| !moves) {
+            *slot = hit;
             kept += 1;
         }
     }
     kept
 }
 
-/// * `place` — of a hit in the map, and as the robot sees it
-fn moves<'a>(
-    (place, in_robot): (Point2, Point2),
-    witnesses: impl Iterator<Item = (&'a KeyScan, &'a [Point2])>,
-) -> bool {
-    let (mut free, mut carried) = (0, 0);
-    for (witness, points) in witnesses {
-        let outline = Outline::new(witness, points.get(..witness.count).unwrap_or_default());
-        match outline.testimony(witness.map_from_robot.inverse().transform(place) - witness.eye) {
-            Testimony::Free => free += 1,
-            Testimony::Near => return false,
-            Testimony::None => {}
+/// Where a hit is.
+struct Place {
+    in_map: Point2,
+    in_robot: Point2,
+    /// Nothing is beside it.
+    is_alone: bool,
+}
+
+impl Place {
+    fn moves<'a>(&self, taken: &Taken, witnesses: impl Iterator<Item = (&'a KeyScan, &'a [Point2])>) -> bool {
+        let (mut free, mut carried, mut stood) = (0, 0, false);
+        for (witness, points) in witnesses {
+            let outline = Outline::new(witness, points.get(..witness.count).unwrap_or_default());
+            let place = witness.taken.map_from_robot.inverse().transform(self.in_map) - witness.taken.eye;
+            if self.is_alone {
+                stood |= taken.at.since(witness.taken.at) >= STOOD_FOR && outline.has_hit_at(place);
+            } else {
+                match outline.testimony(place) {
+                    Testimony::Free => free += 1,
+                    Testimony::Near => return false,
+                    Testimony::None => {}
+                }
+            }
+            carried += usize::from(outline.is_on(self.in_robot - witness.taken.eye));
         }
-        carried += usize::from(outline.is_on(in_robot - witness.eye));
+        carried >= WITNESSES_MIN || if self.is_alone { !stood } else { free >= WITNESSES_MIN }
     }
-    free >= WITNESSES_MIN || carried >= WITNESSES_MIN
 }
 
 /// The hits of a scan as seen from its laser, and the lines between them.
@@ -91,7 +131,7 @@ pub(super) struct Outline<'a> {
 
 impl<'a> Outline<'a> {
     pub(super) fn new(scan: &'a KeyScan, points: &'a [Point2]) -> Self {
-        let start = points.first().map_or(0.0, |first| (*first - scan.eye).bearing_rad());
+        let start = points.first().map_or(0.0, |first| (*first - scan.taken.eye).bearing_rad());
         Self { scan, points, start }
     }
 
@@ -104,7 +144,7 @@ impl<'a> Outline<'a> {
     /// Index of the first hit behind the bearing of `place`.
     fn after(&self, place: Point2) -> usize {
         let bearing = self.turned(place);
-        self.points.partition_point(|point| self.turned(*point - self.scan.eye) <= bearing)
+        self.points.partition_point(|point| self.turned(*point - self.scan.taken.eye) <= bearing)
     }
 
     /// Neighbouring hits about index `after`, as seen from the laser, each with the index of its first one.
@@ -113,8 +153,13 @@ impl<'a> Outline<'a> {
         let near = self.points.get(first..self.points.len().min(after + NEIGHBOURS)).unwrap_or_default();
         near.windows(2).enumerate().filter_map(move |(index, pair)| {
             let &[a, b] = pair else { return None };
-            Some((first + index, a - self.scan.eye, b - self.scan.eye))
+            Some((first + index, a - self.scan.taken.eye, b - self.scan.taken.eye))
         })
+    }
+
+    /// True if something was hit at `place`; the line between two hits is nothing that was.
+    fn has_hit_at(&self, place: Point2) -> bool {
+        self.lines(self.after(place)).any(|(_, a, b)| (place - a).norm() < STOOD_M || (place - b).norm() < STOOD_M)
     }
 
     /// True if a hit stood at `place`.
@@ -160,6 +205,7 @@ fn is_before(point: Point2, a: Point2, b: Point2) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::time::Instant;
     use std::vec;
     use std::vec::Vec;
 
@@ -181,11 +227,22 @@ mod tests {
             .zip(points.chunks_mut(181))
             .map(|(x, memory)| {
                 let mut witness = KeyScan::default();
-                witness.keep(memory, &seen_from(*x, more), Pose2::new(*x, 0.0, 0.0), Point2::default());
+                witness.keep(memory, &seen_from(*x, more), taken_at(*x));
                 witness
             })
             .collect();
-        keep_standing(hits, Pose2::new(now, 0.0, 0.0), &witnesses, &points)
+        keep_standing(hits, &taken_at(now), &witnesses, &points)
+    }
+
+    /// The robot goes a metre a second.
+    fn taken_at(x: f32) -> Taken {
+        Taken {
+            at: Instant::from_micros((x * 1e6) as i64),
+            map_from_robot: Pose2::new(x, 0.0, 0.0),
+            farthest_m: 20.0,
+            beam_rad: core::f32::consts::PI / 180.0,
+            ..Default::default()
+        }
     }
 
     const NOBODY: &dyn Fn(f32) -> f32 = &|_| f32::MAX;

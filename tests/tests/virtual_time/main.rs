@@ -12,6 +12,7 @@ mod link_faults;
 mod map3d;
 mod memory;
 mod one_slam;
+mod passers_by;
 mod recorded_log;
 mod refused_configuration;
 mod small_pools;
