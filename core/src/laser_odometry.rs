@@ -270,8 +270,8 @@ impl<'m> LaserOdometry<'m> {
         let is_settling = self.scans < SETTLING_SCANS;
         self.scans = self.scans.saturating_add(1);
         let is_key = is_settling || (is_trusted && self.is_key(map_from_robot));
-        let taken = Taken::new(scan, robot_from_lrf, map_from_robot);
-        let inserted = if is_key { self.extend(taken, (count, hits)) } else { InsertReport::default() };
+        let taken = || Taken::new(scan, robot_from_lrf, map_from_robot);
+        let inserted = if is_key { self.extend(taken(), (count, hits)) } else { InsertReport::default() };
         self.go_on(map_from_robot, &forecast, &matched, is_lost);
         self.pass(scan.stamp);
         if !first && is_trusted {
