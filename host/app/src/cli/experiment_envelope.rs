@@ -27,6 +27,9 @@ pub(super) struct EnvelopeArgs {
     relations: PathBuf,
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..1000), help = SEEDS)]
     seeds: u64,
+    /// This seed alone.
+    #[arg(long, value_name = "N", conflicts_with = "seeds")]
+    seed: Option<u64>,
     /// These rows alone; may be given more than once, or with commas [default: all].
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = PossibleValuesParser::new(ENVELOPE_ROWS.map(|row| row.0)))]
     only: Vec<String>,
@@ -49,7 +52,7 @@ pub(super) fn run(args: &EnvelopeArgs) -> Result<(), Failure> {
         if !args.only.is_empty() && !args.only.iter().any(|name| name == row.0) {
             continue;
         }
-        for seed in 1..=args.seeds {
+        for seed in args.seed.map_or(1..=args.seeds, |seed| seed..=seed) {
             let run = run_envelope((&mapping, robot_from_lrf), row, seed, &scans, &relations);
             let run = run.map_err(|error| Failure::Work(error.context(format!("row {}, seed {seed}", row.0))))?;
             args.tell.say(&match &run {

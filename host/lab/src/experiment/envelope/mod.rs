@@ -36,6 +36,8 @@ pub struct EnvelopeRun {
     pub mean_m: f64,
     /// Their standard deviation, m.
     pub std_m: f64,
+    /// The largest, m.
+    pub max_m: f64,
     /// Mean of the rotation errors, degrees.
     pub mean_deg: f64,
     /// Share of them above 0.10 m, 0 to 1.
@@ -79,6 +81,7 @@ pub fn run_envelope(
         relations: report.translation_m.count,
         mean_m: report.translation_m.mean,
         std_m: report.translation_m.std,
+        max_m: report.translation_m.max,
         mean_deg: report.rotation_deg.mean,
         share_above_10_cm: report.share_above_10_cm,
         lost_scans,
@@ -100,13 +103,14 @@ fn best_first(scans: &[LogScan], every: usize, relations: &[Relation]) -> (usize
 
 /// A line for each run.
 pub fn envelope_csv(runs: &[EnvelopeRun]) -> String {
-    let mut text = String::from("row,seed,scans,relations,mean_m,std_m,mean_deg,share_above_10_cm,lost_scans\n");
+    let mut text = String::from("row,seed,scans,relations,mean_m,std_m,max_m,mean_deg,share_above_10_cm,lost_scans\n");
     for run in runs {
-        let EnvelopeRun { row, seed, scans, relations, mean_m, std_m, mean_deg, share_above_10_cm, lost_scans } = run;
+        let EnvelopeRun { row, seed, scans, relations, mean_m, std_m, max_m, mean_deg, share_above_10_cm, lost_scans } =
+            run;
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{row},{seed},{scans},{relations},{mean_m:.5},{std_m:.5},{mean_deg:.4},{share_above_10_cm:.4},{lost_scans}"
+            "{row},{seed},{scans},{relations},{mean_m:.5},{std_m:.5},{max_m:.3},{mean_deg:.4},{share_above_10_cm:.4},{lost_scans}"
         );
     }
     text
@@ -126,18 +130,19 @@ fn spread(runs: &[EnvelopeRun], number: impl Fn(&EnvelopeRun) -> f64) -> (f64, f
 /// What came out, row by row, as a table in Markdown: the mean over the seeds.
 pub fn envelope_markdown(runs: &[EnvelopeRun]) -> String {
     let mut text = String::from(
-        "| row | scans | relations | error, m | least, largest | σ, m | error, ° | above 10 cm, % | lost scans |\n\
-         | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+        "| row | scans | relations | error, m | least, largest | σ, m | worst, m | error, ° | above 10 cm, % | lost scans |\n\
+         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
     );
     for of in rows(runs) {
         let EnvelopeRun { row, scans, relations, .. } = &of[0];
         let mean = |number: fn(&EnvelopeRun) -> f64| spread(of, number).0;
         let (error, least, largest) = spread(of, |run| run.mean_m);
+        let worst = spread(of, |run| run.max_m).2;
         let (std_m, deg) = (mean(|run| run.std_m), mean(|run| run.mean_deg));
         let (above, lost) = (100.0 * mean(|run| run.share_above_10_cm), mean(|run| run.lost_scans as f64));
         let _ = writeln!(
             text,
-            "| {row} | {scans} | {relations} | {error:.3} | {least:.3}, {largest:.3} | {std_m:.3} | {deg:.2} | {above:.1} | {lost:.0} |"
+            "| {row} | {scans} | {relations} | {error:.3} | {least:.3}, {largest:.3} | {std_m:.3} | {worst:.2} | {deg:.2} | {above:.1} | {lost:.0} |"
         );
     }
     text
@@ -148,18 +153,32 @@ mod tests {
     use super::*;
 
     fn run(row: &'static str, seed: u64, mean_m: f64) -> EnvelopeRun {
-        let (std_m, mean_deg, share_above_10_cm, lost_scans) = (0.01, 0.5, 0.25, 3);
-        EnvelopeRun { row, seed, scans: 10, relations: 7, mean_m, std_m, mean_deg, share_above_10_cm, lost_scans }
+        let (std_m, max_m, mean_deg, share_above_10_cm, lost_scans) = (0.01, 1.5 * mean_m, 0.5, 0.25, 3);
+        EnvelopeRun {
+            row,
+            seed,
+            scans: 10,
+            relations: 7,
+            mean_m,
+            std_m,
+            max_m,
+            mean_deg,
+            share_above_10_cm,
+            lost_scans,
+        }
     }
 
     #[test]
     fn tables_have_a_line_for_each_run_and_each_row() {
         let runs = [run("as-is", 1, 0.02), run("as-is", 2, 0.04), run("scans-8", 1, 2.0), run("scans-8", 2, 4.0)];
         let csv = envelope_csv(&runs);
-        assert_eq!(csv.lines().nth(2), Some("as-is,2,10,7,0.04000,0.01000,0.5000,0.2500,3"));
+        assert_eq!(csv.lines().nth(2), Some("as-is,2,10,7,0.04000,0.01000,0.060,0.5000,0.2500,3"));
         let table = envelope_markdown(&runs);
         assert_eq!(table.lines().count(), 4);
-        assert!(table.contains("| as-is | 10 | 7 | 0.030 | 0.020, 0.040 | 0.010 | 0.50 | 25.0 | 3 |"), "{table}");
+        assert!(
+            table.contains("| as-is | 10 | 7 | 0.030 | 0.020, 0.040 | 0.010 | 0.06 | 0.50 | 25.0 | 3 |"),
+            "{table}"
+        );
         let svg = plot_envelope(&runs).unwrap();
         assert!(svg.starts_with("<svg") && svg.contains("scans-8"), "{svg}");
     }
