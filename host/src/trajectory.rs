@@ -3,6 +3,7 @@
 //! TUM: a line `t x y z qx qy qz qw` per pose, seconds, metres and a unit quaternion; in the plane z = qx = qy = 0.
 //! Poses stand under the times of their scans, in order of time, each time once ([`by_time`]). The reader takes any order,
 //! and also the four columns `t x y θ` (rad) of GMapping's corrected poses.
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -65,7 +66,7 @@ pub fn by_time(poses: &[TimedPose]) -> Vec<TimedPose> {
 pub fn with_poses(scans: Vec<LogScan>, poses: &[TimedPose]) -> (Vec<LogScan>, Vec<TimedPose>) {
     let last: HashMap<Instant, u64> = scans.iter().map(|scan| (scan.stamp, scan.line)).collect();
     let found: HashMap<Instant, TimedPose> = poses.iter().map(|pose| (pose.stamp, *pose)).collect();
-    let scans: Vec<LogScan> = scans.into_iter().filter(|scan| last[&scan.stamp] == scan.line).collect();
+    let scans: Vec<LogScan> = scans.into_iter().filter(|scan| last.get(&scan.stamp) == Some(&scan.line)).collect();
     let poses = scans.iter().filter_map(|scan| found.get(&scan.stamp).copied()).collect();
     (scans, poses)
 }

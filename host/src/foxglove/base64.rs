@@ -8,7 +8,9 @@ pub(super) fn encode(bytes: impl IntoIterator<Item = u8>, out: &mut String) {
     while let Some(first) = bytes.next() {
         let (second, third) = (bytes.next(), bytes.next());
         let three = u32::from_be_bytes([0, first, second.unwrap_or(0), third.unwrap_or(0)]);
-        let letter = |place: u32| char::from(LETTERS[(three >> (18 - 6 * place)) as usize & 63]);
+        let letter = |place: u32| {
+            LETTERS.get((three >> (18 - 6 * place)) as usize & 63).map_or('=', |letter| char::from(*letter))
+        };
         out.extend([letter(0), letter(1)]);
         out.push(second.map_or('=', |_| letter(2)));
         out.push(third.map_or('=', |_| letter(3)));

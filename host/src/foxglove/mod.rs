@@ -4,6 +4,7 @@
 //! a person can read them, and fields of ours stand beside those that the schema has.
 //!
 //! Frames are ROS's (REP 105): `map`, `base_link`, and `laser`. Source: `@foxglove/schemas`, JSON schemas.
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
 mod base64;
 mod read;

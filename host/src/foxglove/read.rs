@@ -68,8 +68,14 @@ pub fn read_scan(json: &[u8]) -> Result<ReadScan, String> {
             _ => Echo::from_range(range as f32, f32::INFINITY),
         });
         Beam {
-            bearing_rad: scan.bearings.as_ref().map_or(even, |bearings| bearings[index] as f32),
-            offset: Duration::from_micros(scan.offsets_us.as_ref().map_or(0, |offsets| offsets[index])),
+            bearing_rad: scan
+                .bearings
+                .as_ref()
+                .and_then(|bearings| bearings.get(index))
+                .map_or(even, |bearing| *bearing as f32),
+            offset: Duration::from_micros(
+                scan.offsets_us.as_ref().and_then(|offsets| offsets.get(index)).copied().unwrap_or(0),
+            ),
             echo,
         }
     };

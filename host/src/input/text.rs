@@ -85,7 +85,7 @@ impl Read for Source {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.inner.read(buffer)?;
         self.count.0.fetch_add(read as u64, Ordering::Relaxed);
-        self.hash.update(&buffer[..read]);
+        self.hash.update(buffer.get(..read).unwrap_or_default());
         Ok(read)
     }
 }

@@ -12,6 +12,7 @@
 //!
 //! A camera may still measure all lengths too long or too short. No SLAM can find that out: a robot that also does not know the scale of its
 //! odometry has no other measure of length. What is left is for the caller to tell, from a calibration of the camera.
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -50,31 +51,32 @@ pub enum Ranges {
 /// If a file is missing, there are several, or a line is wrong.
 pub fn read(place: &Path, robot: u8, ranges: Ranges, range_scale: f64) -> anyhow::Result<Drive> {
     let file = |name: &str| find(place, name);
-    let barcodes = numbers(&file("barcodes.dat")?, "subject barcode", 2)?;
-    let subjects: HashMap<u16, u16> = barcodes.iter().filter_map(|row| Some((code(row[1])?, code(row[0])?))).collect();
-    let odometry = numbers(&file(&format!("robot{robot}_odometry.dat"))?, "t v omega", 3)?;
-    let measurements = numbers(&file(&format!("robot{robot}_measurement.dat"))?, "t barcode range bearing", 4)?;
+    let barcodes = numbers(&file("barcodes.dat")?, "subject barcode")?;
+    let subjects: HashMap<u16, u16> =
+        barcodes.into_iter().filter_map(|[subject, barcode]| Some((code(barcode)?, code(subject)?))).collect();
+    let odometry = numbers(&file(&format!("robot{robot}_odometry.dat"))?, "t v omega")?;
+    let measurements = numbers(&file(&format!("robot{robot}_measurement.dat"))?, "t barcode range bearing")?;
     let velocities: Vec<Velocity> =
-        in_order(odometry).map(|row| Velocity { t: row[0], forward_m_s: row[1], turn_rad_s: row[2] }).collect();
+        in_order(odometry).map(|[t, forward_m_s, turn_rad_s]| Velocity { t, forward_m_s, turn_rad_s }).collect();
     let mean_stretch = mean_stretch(&measurements);
-    let sightings = in_order(measurements).filter_map(|row| {
+    let sightings = in_order(measurements).filter_map(|[t, barcode, range_m, bearing_rad]| {
         // A code that nobody has was misread.
-        let subject = *subjects.get(&code(row[1])?)?;
+        let subject = *subjects.get(&code(barcode)?)?;
         let range_m = match ranges {
-            Ranges::Depths => row[2] * stretch(row[3]) / mean_stretch,
-            Ranges::Distances => row[2],
+            Ranges::Depths => range_m * stretch(bearing_rad) / mean_stretch,
+            Ranges::Distances => range_m,
         } * range_scale;
-        let sighting = Sighting { range_m, bearing_rad: row[3], identity: Some(subject), noise: None };
-        (subject > ROBOTS).then_some((row[0], sighting))
+        let sighting = Sighting { range_m, bearing_rad, identity: Some(subject), noise: None };
+        (subject > ROBOTS).then_some((t, sighting))
     });
     let events = merge(&velocities, batches(sightings));
     ensure!(!events.is_empty(), "{}: neither odometry nor measurements", place.display());
     let truth = match file(&format!("robot{robot}_groundtruth.dat")) {
-        Ok(path) => in_order(numbers(&path, "t x y theta", 4)?).map(|row| pose(&row)).collect(),
+        Ok(path) => in_order(numbers(&path, "t x y theta")?).map(pose).collect(),
         Err(_) => Vec::new(),
     };
     let landmarks = match file("landmark_groundtruth.dat") {
-        Ok(path) => numbers(&path, "subject x y", 3)?.iter().filter_map(|row| landmark(row)).collect(),
+        Ok(path) => numbers(&path, "subject x y")?.into_iter().filter_map(landmark).collect(),
         Err(_) => Vec::new(),
     };
     let name = format!("{}, robot {robot}", place.display());
@@ -96,8 +98,8 @@ fn stretch(beta_rad: f64) -> f64 {
 }
 
 /// The mean over all measurements (`t barcode range bearing`); 1 without any.
-fn mean_stretch(measurements: &[Vec<f64>]) -> f64 {
-    let sum: f64 = measurements.iter().map(|row| stretch(row[3])).sum();
+fn mean_stretch(measurements: &[[f64; 4]]) -> f64 {
+    let sum: f64 = measurements.iter().map(|[.., bearing_rad]| stretch(*bearing_rad)).sum();
     if measurements.is_empty() { 1.0 } else { sum / measurements.len() as f64 }
 }
 
@@ -124,24 +126,30 @@ fn code(number: f64) -> Option<u16> {
     (number >= 0.0 && number < f64::from(u16::MAX)).then_some(number as u16)
 }
 
-fn pose(row: &[f64]) -> TimedPose {
-    TimedPose { stamp: Instant::from_secs_f64(row[0]), map_from_robot: PoseF64::new(row[1], row[2], row[3]).to_f32() }
+fn pose([t, x, y, heading]: [f64; 4]) -> TimedPose {
+    TimedPose { stamp: Instant::from_secs_f64(t), map_from_robot: PoseF64::new(x, y, heading).to_f32() }
 }
 
-fn landmark(row: &[f64]) -> Option<TrueLandmark> {
-    Some(TrueLandmark { identity: code(row[0])?, x: row[1], y: row[2] })
+fn landmark([subject, x, y]: [f64; 3]) -> Option<TrueLandmark> {
+    Some(TrueLandmark { identity: code(subject)?, x, y })
 }
 
 /// Rows in order of their first number; equal ones stay as they are.
-pub(super) fn in_order(mut rows: Vec<Vec<f64>>) -> impl Iterator<Item = Vec<f64>> {
-    rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+pub(super) fn in_order<const N: usize>(mut rows: Vec<[f64; N]>) -> impl Iterator<Item = [f64; N]> {
+    let first = |row: &[f64; N]| row.first().copied().unwrap_or_default();
+    rows.sort_by(|a, b| first(a).total_cmp(&first(b)));
     rows.into_iter()
 }
 
-/// Rows of at least `least` numbers.
-pub(super) fn numbers(path: &Path, columns: &'static str, least: usize) -> anyhow::Result<Vec<Vec<f64>>> {
-    let names: Vec<&str> = columns.split(' ').collect();
-    Ok(read_table(path, columns, |words| names.iter().take(least).map(|name| words.finite(name)).collect())?)
+/// The first numbers of each row, of which `columns` says the names.
+pub(super) fn numbers<const N: usize>(path: &Path, columns: &'static str) -> anyhow::Result<Vec<[f64; N]>> {
+    Ok(read_table(path, columns, |words| {
+        let mut row = [0.0; N];
+        for (number, name) in row.iter_mut().zip(columns.split(' ')) {
+            *number = words.finite(name)?;
+        }
+        Ok(row)
+    })?)
 }
 
 /// The one file whose name ends with `ending`, without regard to case and `.gz`.

@@ -2,6 +2,7 @@
 //!
 //! Files: `inputs.dat` (t, speed of the left rear wheel in m/s, steering angle in rad), `measurements.dat` (t, range, bearing from the
 //! right, diameter), `gps.dat` (t, x, y); plain or gzip.
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
@@ -27,17 +28,17 @@ const LASER_M: [f32; 2] = [3.78, 0.5];
 /// # Errors
 /// If a file is missing or a line is wrong.
 pub fn read(place: &Path) -> anyhow::Result<Drive> {
-    let inputs = numbers(&find(place, "inputs.dat")?, "t speed steering", 3)?;
-    let seen = numbers(&find(place, "measurements.dat")?, "t range bearing diameter", 4)?;
-    let velocities: Vec<Velocity> = in_order(inputs).map(|row| velocity(row[0], row[1], row[2])).collect();
-    let sightings = in_order(seen).map(|row| {
-        let sighting = Sighting { range_m: row[1], bearing_rad: row[2] - FRAC_PI_2, identity: None, noise: None };
-        (row[0], sighting)
+    let inputs = numbers(&find(place, "inputs.dat")?, "t speed steering")?;
+    let seen = numbers(&find(place, "measurements.dat")?, "t range bearing diameter")?;
+    let velocities: Vec<Velocity> = in_order(inputs).map(velocity).collect();
+    let sightings = in_order(seen).map(|[t, range_m, bearing_rad, _diameter_m]| {
+        let sighting = Sighting { range_m, bearing_rad: bearing_rad - FRAC_PI_2, identity: None, noise: None };
+        (t, sighting)
     });
     let events = merge(&velocities, batches(sightings));
     ensure!(!events.is_empty(), "{}: neither inputs nor measurements", place.display());
     let truth = match find(place, "gps.dat") {
-        Ok(path) => in_order(numbers(&path, "t x y", 3)?).map(|row| fix(&row)).collect(),
+        Ok(path) => in_order(numbers(&path, "t x y")?).map(fix).collect(),
         Err(_) => Vec::new(),
     };
     let name = format!("{}, Victoria Park", place.display());
@@ -54,15 +55,14 @@ pub fn read(place: &Path) -> anyhow::Result<Drive> {
 }
 
 /// Of the middle of the rear axle: the measured wheel is on the inside of a left turn.
-fn velocity(t: f64, wheel_m_s: f64, steering_rad: f64) -> Velocity {
+fn velocity([t, wheel_m_s, steering_rad]: [f64; 3]) -> Velocity {
     let tangent = steering_rad.tan();
     let forward_m_s = wheel_m_s / (1.0 - HALF_TRACK_M * tangent / WHEELBASE_M);
     Velocity { t, forward_m_s, turn_rad_s: forward_m_s * tangent / WHEELBASE_M }
 }
 
-fn fix(row: &[f64]) -> TimedPose {
-    let map_from_robot = Pose2::new(row[1] as f32, row[2] as f32, 0.0);
-    TimedPose { stamp: Instant::from_secs_f64(row[0]), map_from_robot }
+fn fix([t, x, y]: [f64; 3]) -> TimedPose {
+    TimedPose { stamp: Instant::from_secs_f64(t), map_from_robot: Pose2::new(x as f32, y as f32, 0.0) }
 }
 
 fn config() -> LandmarkConfig {

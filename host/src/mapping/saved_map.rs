@@ -2,6 +2,7 @@
 //!
 //! 8 bytes magic, version (u16), length (u64) and CRC-32 (ISO-HDLC, u32) of the rest, all little endian; the rest is a gzip stream of postcard:
 //! the program's version, the configuration as TOML, the scans kept (ranges to 0.1 mm, bearings to 10 µrad), their path and its pose graph.
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -147,7 +148,7 @@ fn packed_part<'b>(file: &Path, bytes: &'b [u8]) -> Result<&'b [u8], SavedMapErr
         _ => return Err(SavedMapError::Magic(file.into())),
     };
     let number = |range: std::ops::Range<usize>| {
-        header[range].iter().rev().fold(0_u64, |number, byte| (number << 8) | u64::from(*byte))
+        header.get(range).unwrap_or_default().iter().rev().fold(0_u64, |number, byte| (number << 8) | u64::from(*byte))
     };
     let (version, length, crc) = (number(8..10) as u16, number(10..18), number(18..22) as u32);
     if version != VERSION {

@@ -201,7 +201,7 @@ impl<'m> RobotClient<'m> {
                 return sink(RobotEvent::Absurd(absurd));
             }
             let (taken, received) = self.session.take(now, rest);
-            rest = &rest[taken..];
+            rest = rest.get(taken..).unwrap_or_default();
             let (mut introduced, mut asked) = (None, None);
             match received {
                 Some(Received::Reliable(bytes)) => {
@@ -303,7 +303,7 @@ mod tests {
             let mut rest = bytes.as_slice();
             while !rest.is_empty() {
                 let (taken, received) = robot.take(now, rest);
-                rest = &rest[taken..];
+                rest = rest.get(taken..).unwrap_or_default();
                 if let Some(Received::Reliable(message)) = received {
                     given.push(match postcard::from_bytes(message).unwrap() {
                         ToRobot::Tile(tile) => Ok(tile.column),

@@ -150,23 +150,23 @@ fn read(bytes: &[u8], mut take: impl FnMut(Told<'_>)) -> Skipped {
         // Of the last one, the end may be all that is missing.
         let frame = decoded(raw).or_else(|| decoded(&[raw, &[DELIMITER]].concat()));
         let is_idle = *raw == [DELIMITER] && begin == at;
-        if (frame.is_some() || is_idle) && begin < at {
-            skip(&bytes[begin..at], &mut skipped, &mut give);
-        }
+        let damaged = bytes.get(begin..at).unwrap_or_default();
         at += raw.len();
         if frame.is_some() || is_idle {
+            skip(damaged, &mut skipped, &mut give);
             begin = at;
         }
         frame.iter().for_each(|frame| give(frame, &mut skipped));
     }
-    if begin < at {
-        skip(&bytes[begin..at], &mut skipped, &mut give);
-    }
+    skip(bytes.get(begin..).unwrap_or_default(), &mut skipped, &mut give);
     skipped
 }
 
-/// Mends what is damaged, or counts it.
+/// Mends what is damaged, or counts it; there may be nothing.
 fn skip(damaged: &[u8], skipped: &mut Skipped, give: &mut impl FnMut(&Frame, &mut Skipped)) {
+    if damaged.is_empty() {
+        return;
+    }
     let is_short = damaged.len() <= MENDED_MAX && damaged.last() == Some(&DELIMITER) && skipped.mended < MENDINGS_MAX;
     match is_short.then(|| mended(damaged)).flatten() {
         Some(frames) => {
@@ -202,9 +202,9 @@ fn decoded(raw: &[u8]) -> Option<Frame> {
 fn mended(damaged: &[u8]) -> Option<Vec<Frame>> {
     let mut bytes = damaged.to_vec();
     (0..8 * bytes.len()).find_map(|bit| {
-        bytes[bit / 8] ^= 1 << (bit % 8);
+        *bytes.get_mut(bit / 8)? ^= 1 << (bit % 8);
         let whole: Option<Vec<_>> = bytes.split_inclusive(|byte| *byte == DELIMITER).map(decoded).collect();
-        bytes[bit / 8] ^= 1 << (bit % 8);
+        *bytes.get_mut(bit / 8)? ^= 1 << (bit % 8);
         whole
     })
 }

@@ -73,7 +73,8 @@ impl<'m> RobotLink<'m> {
         let mut buffer = [0; 4096];
         let Some(link) = &mut self.link else { return Ok(()) };
         let count = link.receive(&mut buffer, wait.min(WallDuration::from_micros(until)))?;
-        self.client.take(self.clock.now(), &buffer[..count], &mut |event| sink(LinkEvent::Robot(event)));
+        self.client
+            .take(self.clock.now(), buffer.get(..count).unwrap_or(&buffer), &mut |event| sink(LinkEvent::Robot(event)));
         let now = self.clock.now();
         if now >= self.client.session().deadline() {
             self.client.session().timeout(now);

@@ -183,11 +183,11 @@ impl RobotMap {
         let side = usize::from(self.capacities.tile_side.max(1));
         let mut map = OccupancyMap::new(MapConfig { cell_size_m: square_size_m, ..*config });
         for ((column, row), squares) in &self.tiles {
-            for (index, square) in squares.chunks_exact(2).enumerate() {
+            for (index, [hits, travel]) in squares.as_chunks().0.iter().enumerate() {
                 let at = |tile: i16, offset: usize| i32::from(tile) * side as i32 + offset as i32;
                 let cell = CellIndex { column: at(*column, index % side), row: at(*row, index / side) };
                 // A ray that crosses a square travels about its side, which is told as 8.
-                map.add(cell, u16::from(square[0]), u16::from(square[1].div_ceil(8)));
+                map.add(cell, u16::from(*hits), u16::from(travel.div_ceil(8)));
             }
         }
         map

@@ -2,6 +2,7 @@
 //!
 //! [`RobotLink`] (port) → [`RobotClient`] (session, requests) → [`Journal`] (on disk, then acknowledged) → [`Judge`] (can that be?) → [`RobotMap`] (paths of the particles, tiles
 //! of the best one's map), [`Sweeps`] (scans) → high level, path and pictures. The protocol is in `docs/robot-link.md`.
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
 mod client;
 mod journal;

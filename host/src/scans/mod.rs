@@ -1,4 +1,5 @@
 //! Where scans come from: logs, lasers over a link, recordings of these; and where they are kept.
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
 pub mod bags;
 pub mod driver;

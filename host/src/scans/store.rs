@@ -58,16 +58,14 @@ impl ScanStore {
         let beams = sweep.scan.beams.iter().map(sweep.middle_beam()).filter_map(kept).collect();
         let RangeScan { stamp, range_max_m, .. } = sweep.scan;
         let scan = KeptScan { stamp, range_max_m, robot_from_lrf: sweep.robot_from_lrf, beams };
-        match self.free.pop() {
-            Some(place) => {
-                self.scans[place as usize] = scan;
-                place
-            }
-            None => {
-                self.scans.push(scan);
-                (self.scans.len() - 1) as u32
-            }
+        if let Some(place) = self.free.pop()
+            && let Some(free) = self.scans.get_mut(place as usize)
+        {
+            *free = scan;
+            return place;
         }
+        self.scans.push(scan);
+        (self.scans.len() - 1) as u32
     }
 
     /// Lets a scan go. Nobody may name its place any more.

@@ -6,6 +6,7 @@
 //! tilt follows from them, as all lie in one plane. There are no times: slices are stamped one second apart.
 //!
 //! Source: 3DTK's documentation of its `uos` format; its pose is Rx · Ry · Rz, in its own frame.
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
 use std::path::{Path, PathBuf};
 
@@ -147,7 +148,7 @@ fn read_pose(path: &Path) -> Result<Isometry3<f64>, Tilt3dError> {
     let &[position_cm, angles_deg] = rows.as_slice() else {
         return Err(Tilt3dError::PoseLines { file: path.display().to_string(), lines: rows.len() });
     };
-    let [x, y, z] = [0, 1, 2].map(|axis| angles_deg[axis].to_radians());
+    let [x, y, z] = [angles_deg.x, angles_deg.y, angles_deg.z].map(f64::to_radians);
     let about = |axis, angle| Rotation3::from_axis_angle(&axis, angle).into_inner();
     let theirs = about(Vector3::x_axis(), x) * about(Vector3::y_axis(), y) * about(Vector3::z_axis(), z);
     let ours = Rotation3::from_matrix_unchecked(OURS_FROM_THEIRS * theirs * OURS_FROM_THEIRS.transpose());

@@ -259,7 +259,7 @@ fn values(row: &[u8]) -> Option<Vec<Value>> {
     let mut values = Vec::new();
     while !types.is_empty() {
         let (kind, used) = varint(types)?;
-        types = &types[used..];
+        types = types.get(used..)?;
         let length = match kind {
             0 | 8 | 9 => 0,
             1..=4 => kind as usize,
@@ -272,7 +272,7 @@ fn values(row: &[u8]) -> Option<Vec<Value>> {
         content = rest;
         values.push(match kind {
             1..=6 => {
-                let sign = if bytes[0] & 0x80 == 0 { 0 } else { -1 };
+                let sign = if bytes.first()? & 0x80 == 0 { 0 } else { -1 };
                 Value::Number(bytes.iter().fold(sign, |value, byte| value << 8 | i64::from(*byte)))
             }
             8 | 9 => Value::Number(kind - 8),

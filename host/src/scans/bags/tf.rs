@@ -138,7 +138,7 @@ impl Look<'_> {
     fn found(&self, is_late: bool) -> Result<Option<Found>, TfFault> {
         let Some(laser) = &self.laser else { return Ok(None) };
         let candidates = self.candidates();
-        for robot in &candidates[..if is_late { candidates.len() } else { 1 }] {
+        for robot in candidates.iter().take(if is_late { usize::MAX } else { 1 }) {
             let odometry = self.wanted.odometry_frame.map(|frame| (frame, self.frames.chain(frame, robot)));
             let mounting = self.wanted.mounting.then(|| self.frames.chain(robot, laser).filter(|chain| chain.is_fixed));
             if odometry.as_ref().is_some_and(|(_, chain)| chain.is_none())
@@ -206,7 +206,7 @@ impl Found {
         let told = take_into(&mut self.frames, message)?;
         let Some(chain) = self.frames.chain(odometry, robot) else { return Ok(None) };
         // The first name is not one that is told: it has no parent on the way.
-        if !told.iter().any(|child| chain.names[1..].contains(child)) {
+        if !told.iter().any(|child| chain.names.iter().skip(1).any(|name| name == child)) {
             return Ok(None);
         }
         Ok(chain.newest.map(|stamp| (stamp, in_the_plane(&chain.parent_from_child))))

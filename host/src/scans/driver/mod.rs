@@ -26,14 +26,14 @@ impl LrfOptions {
     /// The driver, in memory that the caller keeps.
     pub fn driver<'a>(&self, memory: &'a mut LaserMemory) -> Box<dyn LrfDriver + Send + 'a> {
         let latency = Duration::from_micros(self.latency_us);
-        let (bytes, beams) = (&mut memory.bytes[..], &mut memory.beams[..]);
+        let (bytes, beams) = (&mut memory.bytes, &mut memory.beams);
         match self.family {
             LrfFamily::SickLms2xx => {
                 let variant = self.variant.map(|(angle_deg, resolution_cdeg)| Variant { angle_deg, resolution_cdeg });
                 let baud = self.baud_policy(38_400);
                 let (each_turn, brightness) = (!self.whole_scans, self.brightness);
                 let config = SickConfig { baud, variant, brightness, each_turn, latency, ..SickConfig::default() };
-                let driver = SickDriver::new(config, &mut bytes[..sick::TELEGRAM_MEMORY], beams);
+                let driver = SickDriver::new(config, bytes.get_mut(..sick::TELEGRAM_MEMORY).unwrap_or_default(), beams);
                 Box::new(driver.with_brightness(&mut memory.brightness))
             }
             LrfFamily::Hokuyo => {

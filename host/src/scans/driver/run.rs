@@ -198,7 +198,7 @@ impl DriverRun<'_, '_> {
             Ok(0) => {}
             Ok(count) => {
                 self.search.hear(self.baud, count);
-                self.give(Input::Bytes(&buffer[..count]));
+                self.give(Input::Bytes(buffer.get(..count).unwrap_or_default()));
             }
             Err(_) => return self.unplugged(),
         }

@@ -54,8 +54,10 @@ fn in_words(error: &io::Error) -> String {
 impl SerialLink {
     /// Puts what waits behind the `count` bytes that are in `buffer` there, too: a terminal hands over a write at a time.
     fn fill(&mut self, buffer: &mut [u8], mut count: usize) -> io::Result<usize> {
-        while count < buffer.len() && self.port.bytes_to_read().is_ok_and(|waiting| waiting > 0) {
-            match self.port.read(&mut buffer[count..]) {
+        while let Some(room @ [_, ..]) = buffer.get_mut(count..)
+            && self.port.bytes_to_read().is_ok_and(|waiting| waiting > 0)
+        {
+            match self.port.read(room) {
                 Ok(more) if more > 0 => count += more,
                 // What is wrong with the port shows at the next read.
                 _ => break,

@@ -3,7 +3,7 @@
 //! What is in the datagrams, one after the other, is the stream of bytes. UDP may lose, double and reorder them: to a driver that is damage of
 //! the line, which its sums and its turns show. Nobody is authenticated: this is for a network whose members are trusted.
 
-use std::io::{self, ErrorKind};
+use std::io::{self, ErrorKind, Read as _};
 use std::net::{Ipv4Addr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::ops::Range;
 use std::time::{Duration, Instant};
@@ -115,8 +115,7 @@ impl Link for UdpLink {
             self.call();
             self.take(wait)?;
         }
-        let count = self.rest.len().min(buffer.len());
-        buffer[..count].copy_from_slice(&self.memory[self.rest.start..][..count]);
+        let count = self.memory.get(self.rest.clone()).unwrap_or_default().read(buffer)?;
         self.rest.start += count;
         Ok(count)
     }

@@ -40,8 +40,9 @@ pub(super) fn bag_at(path: &Path, options: &LogOptions) -> Result<Option<(BagSou
     let fault = |source| LogError::Bag { file: path.display().to_string(), source };
     // What is read of a pipe is gone.
     let first = files.first().filter(|first| first.is_file());
-    let Some(kind) = first.and_then(|first| kind_of(first).ok().flatten()) else { return Ok(None) };
-    let has_bytes = || Ok(RawBytes::new(BufReader::new(File::open(&files[0])?))?.is_some());
+    let kind_of = |first: &PathBuf| Some((first.clone(), kind_of(first).ok().flatten()?));
+    let Some((first, kind)) = first.and_then(kind_of) else { return Ok(None) };
+    let has_bytes = || Ok(RawBytes::new(BufReader::new(File::open(&first)?))?.is_some());
     if kind == BagKind::Mcap && has_bytes().map_err(fault)? {
         return Err(LogError::Recording { file });
     }
@@ -88,7 +89,7 @@ impl BagSource {
             let mut file = BufReader::with_capacity(1 << 16, file);
             let mut block = vec![0; 1 << 16];
             while let Ok(count @ 1..) = file.read(&mut block) {
-                hash.update(&block[..count]);
+                hash.update(block.get(..count).unwrap_or_default());
             }
         }
         hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
@@ -149,7 +150,10 @@ pub(super) fn raw(scan: BagScan) -> RawScan {
                 Echo::Miss => f32::INFINITY,
                 Echo::Invalid => f32::NAN,
             };
-            let step_rad = beams.get(1).map_or(0.0, |second| second.bearing_rad - beams[0].bearing_rad);
+            let step_rad = match &beams[..] {
+                [first, second, ..] => second.bearing_rad - first.bearing_rad,
+                _ => 0.0,
+            };
             RawScan {
                 ranges_m: beams.iter().map(|beam| range(beam.echo)).collect(),
                 bearings: beams.first().map(|first| Bearings { first_rad: first.bearing_rad, step_rad }),

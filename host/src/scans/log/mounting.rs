@@ -56,7 +56,7 @@ fn median_pose(samples: &[PoseF64]) -> Option<PoseF64> {
     let middle = |number: &dyn Fn(&PoseF64) -> f64| {
         let mut values: Vec<f64> = samples.iter().map(number).collect();
         values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
+        values.get(values.len() / 2).copied().unwrap_or_default()
     };
     // Headings relative to the first one, so that ±180° do not tear apart.
     let heading = first.heading + middle(&|sample| wrap(sample.heading - first.heading));

@@ -70,8 +70,8 @@ impl TinySlamReader {
     /// Moves the odometry to where the wheels stand at `ticks` (left, right).
     fn advance(&mut self, ticks: [f64; 2]) {
         let before = self.ticks.replace(ticks).unwrap_or(ticks);
-        let rolled = |wheel: usize| (ticks[wheel] - before[wheel]) * TAU * WHEEL_RADIUS_M / TICKS_PER_TURN;
-        let (left_m, right_m) = (rolled(0), rolled(1));
+        let rolled = |ticks: f64, before: f64| (ticks - before) * TAU * WHEEL_RADIUS_M / TICKS_PER_TURN;
+        let (left_m, right_m) = (rolled(ticks[0], before[0]), rolled(ticks[1], before[1]));
         let forward_m = (left_m + right_m) / 2.0;
         let turn_rad = (right_m - left_m) / (2.0 * HALF_AXLE_M);
         let (sin, cos) = (turn_rad / 2.0).sin_cos();

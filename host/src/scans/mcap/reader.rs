@@ -224,7 +224,9 @@ impl<R: Read + Seek> McapReader<R> {
             let length = WINDOW.min(self.size - from);
             let Some(window) = self.read_at(from, length as usize) else { break };
             let left = self.size - from;
-            if let Some(place) = (0..window.len()).find(|place| is_chunk(&window[*place..], left - *place as u64)) {
+            if let Some(place) = (0..window.len())
+                .find(|place| window.get(*place..).is_some_and(|bytes| is_chunk(bytes, left - *place as u64)))
+            {
                 self.at = from + place as u64;
                 return self.damage.push(lost);
             }

@@ -9,16 +9,8 @@ pub const RAW_TOPIC: &str = "/laser/bytes";
 /// How its messages are written: see [`recording`](crate::scans::recording).
 pub const RAW_ENCODING: &str = "lrfrec";
 /// Stands for blocks that are lost: no record, and a check that does not fit it. The recording's reader counts a damaged place.
-const LOST: [u8; 33] = {
-    let mut bytes = [0xff; 33];
-    let check = [b'#', 0, 0, 0, 0, 0, 0, 0, 0, 4, 0, 0, 0, 0x5a, 0xa5, 0x5a, 0xa5];
-    let mut at = 0;
-    while at < check.len() {
-        bytes[16 + at] = check[at];
-        at += 1;
-    }
-    bytes
-};
+const NO_RECORD: [u8; 16] = [0xff; 16];
+const NO_CHECK: [u8; 17] = [b'#', 0, 0, 0, 0, 0, 0, 0, 0, 4, 0, 0, 0, 0x5a, 0xa5, 0x5a, 0xa5];
 
 /// The bytes of a laser, as the stream that `laser.rec` is.
 pub struct RawBytes<R> {
@@ -51,11 +43,11 @@ impl<R: Read + Seek> Read for RawBytes<R> {
             (self.block, self.taken) = (message.data, 0);
             // Of a block whose chunk is damaged, its own check judges.
             if message.sequence != self.next {
-                self.block.splice(0..0, LOST);
+                self.block.splice(0..0, NO_RECORD.into_iter().chain(NO_CHECK));
             }
             self.next = message.sequence.wrapping_add(1);
         }
-        let count = (&self.block[self.taken..]).read(buffer)?;
+        let count = self.block.get(self.taken..).unwrap_or_default().read(buffer)?;
         self.taken += count;
         Ok(count)
     }

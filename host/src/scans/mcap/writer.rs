@@ -104,7 +104,9 @@ impl McapFile {
         let needed = self.bytes() + data.len() as u64 + CLOSING + 200 * self.chunks.len() as u64;
         self.is_full |= needed > self.max_bytes;
         let Some([given, _]) = self.counts.get_mut(channel).filter(|_| !self.is_full) else { return false };
-        self.index[channel].push((time_ns, self.chunk.len() as u64));
+        if let Some(entries) = self.index.get_mut(channel) {
+            entries.push((time_ns, self.chunk.len() as u64));
+        }
         let sequence = *given as u32;
         *given += 1;
         let message = Filling::default().u16(channel as u16).u32(sequence).u64(time_ns).u64(time_ns);
@@ -181,7 +183,7 @@ impl McapFile {
         out.extend_from_slice(&20u64.to_le_bytes());
         out.extend_from_slice(&summary.to_le_bytes());
         out.extend_from_slice(&offsets.to_le_bytes());
-        let sum = CRC32.checksum(&out[begin..]);
+        let sum = CRC32.checksum(out.get(begin..).unwrap_or_default());
         out.extend_from_slice(&sum.to_le_bytes());
         out.extend_from_slice(MAGIC);
         self.put(&out);

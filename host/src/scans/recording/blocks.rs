@@ -125,7 +125,7 @@ impl<R: Read> Blocks<R> {
         while self.window.len() < length && !self.is_at_end {
             match self.input.read(&mut buffer) {
                 Ok(0) => self.is_at_end = true,
-                Ok(count) => self.window.extend_from_slice(&buffer[..count]),
+                Ok(count) => self.window.extend_from_slice(buffer.get(..count).unwrap_or(&buffer)),
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(_) => self.is_at_end = true,
             }
@@ -140,7 +140,7 @@ impl<R: Read> Blocks<R> {
             if !self.fill(at + HEAD) {
                 return Found::End { whole: at - begin, is_torn: self.window.len() > at };
             }
-            let (kind, length) = head(&self.window[at..]);
+            let Some((kind, length)) = self.head(at) else { return Found::Nonsense(at - begin) };
             let is_nonsense = length > MAX_PAYLOAD || at - begin > LONGEST;
             if is_nonsense {
                 return Found::Nonsense(at - begin);
@@ -156,12 +156,21 @@ impl<R: Read> Blocks<R> {
         }
     }
 
-    fn sum_at(&self, check: usize) -> u32 {
-        u32::from_le_bytes(std::array::from_fn(|byte| self.window[check + HEAD + byte]))
+    /// Kind of the record at this place, and the length of its payload.
+    fn head(&self, at: usize) -> Option<(u8, usize)> {
+        let head: &[u8; HEAD] = self.window.get(at..)?.first_chunk()?;
+        Some((head[0], u32::from_le_bytes(*head.last_chunk()?) as usize))
+    }
+
+    /// What the block differs by from the check behind it, as sums do; 0 if it fits.
+    fn difference(&self, begin: usize, length: usize) -> Option<u32> {
+        let (block, check) = self.window.get(begin..)?.split_at_checked(length)?;
+        let sum = check.get(HEAD..)?.first_chunk()?;
+        Some(CRC32.checksum(block) ^ u32::from_le_bytes(*sum))
     }
 
     fn fits(&self, begin: usize, length: usize) -> bool {
-        CRC32.checksum(&self.window[begin..begin + length]) == self.sum_at(begin + length)
+        self.difference(begin, length) == Some(0)
     }
 
     /// The block of this length, if its check fits.
@@ -174,12 +183,14 @@ impl<R: Read> Blocks<R> {
 
     /// Where the next check may be, from `from` on; a bit of it may be flipped.
     fn candidate(&self, from: usize) -> Option<usize> {
-        let last = self.window.len().checked_sub(CHECK)?;
-        (from..=last).find(|at| {
-            let bytes = &self.window[*at..*at + HEAD];
-            let lengths = bytes[9..].iter().zip(CHECK_LENGTH);
-            (bytes[0] ^ CHECK_KIND).count_ones() + lengths.map(|(is, was)| (is ^ was).count_ones()).sum::<u32>() <= 1
-        })
+        let length = u32::from_le_bytes(CHECK_LENGTH);
+        let is_near = |bytes: &[u8]| {
+            let (Some(kind), Some(found)) = (bytes.first(), bytes.get(HEAD - 4..).and_then(<[u8]>::first_chunk)) else {
+                return false;
+            };
+            (kind ^ CHECK_KIND).count_ones() + (u32::from_le_bytes(*found) ^ length).count_ones() <= 1
+        };
+        self.window.get(from..)?.windows(CHECK).position(is_near).map(|at| from + at)
     }
 
     fn has_candidate(&mut self) -> bool {
@@ -190,7 +201,7 @@ impl<R: Read> Blocks<R> {
     /// Where a program that went on has begun, from `from` on.
     fn goes_on_at(&self, from: usize) -> Option<usize> {
         let places = self.window.get(from..)?.windows(GOES_ON_RECORD);
-        places.into_iter().position(|bytes| bytes[0] == b'n' && bytes[HEAD..] == *GOES_ON).map(|at| from + at)
+        places.into_iter().position(|bytes| bytes.starts_with(b"n") && bytes.ends_with(GOES_ON)).map(|at| from + at)
     }
 
     /// Something in the block at the front of the window is wrong: mends it, or leaves it out.
@@ -198,9 +209,9 @@ impl<R: Read> Blocks<R> {
         self.fill(LONGEST);
         let (goes_on, mut from, mut last) = (self.goes_on_at(1), 0, None);
         while let Some(check) = self.candidate(from).filter(|check| goes_on.is_none_or(|at| *check < at)) {
-            let difference = CRC32.checksum(&self.window[..check]) ^ self.sum_at(check);
-            let is_mended = difference == 0 || mend(&mut self.window[..check], difference);
-            if is_mended {
+            let difference = self.difference(0, check);
+            let block = self.window.get_mut(..check).unwrap_or_default();
+            if difference.is_some_and(|difference| difference == 0 || mend(block, difference)) {
                 self.damage.mended += 1;
                 self.has_checks = true;
                 return Some(self.hand_out(check, CHECK));
@@ -241,10 +252,4 @@ impl<R: Read> Blocks<R> {
         self.has_checks = true;
         self.hand_out(0, bytes);
     }
-}
-
-/// Kind and length of the payload.
-fn head(record: &[u8]) -> (u8, usize) {
-    let length: [u8; 4] = std::array::from_fn(|byte| record[HEAD - 4 + byte]);
-    (record[0], u32::from_le_bytes(length) as usize)
 }
