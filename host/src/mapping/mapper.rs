@@ -116,6 +116,13 @@ impl<'m> Mapper<'m> {
         Ok(done)
     }
 
+    /// Index of the best particle, and the path of each at all steps of the filter since the map was last corrected; none of matching alone.
+    pub fn particle_paths(&self) -> (usize, Vec<Vec<Pose2>>) {
+        let Engine::DpSlam(engine) = &self.engine else { return (0, Vec::new()) };
+        let count = engine.slam.filter().particles().len();
+        (engine.slam.best(), (0..count).map(|index| engine.genealogy.path(index)).collect())
+    }
+
     /// Where the laser odometry takes the robot to be: from here the next scan will have moved.
     pub fn map_from_robot(&self) -> Pose2 {
         match &self.engine {

@@ -21,7 +21,8 @@ use lrfslam_host::runs::scans::read_scans;
 use lrfslam_host::trajectory::{read_trajectory, with_poses};
 use lrfslam_lab::experiment::{
     CloudError, Experiment, LoopRun, MatchPairsConfig, MatchPairsReport, judge_cloud, loop_csv, loop_markdown,
-    match_pairs, normalised_csv, plot_growth, plot_normalised, read_growth, read_surfaces, run_loop,
+    match_pairs, normalised_csv, particle_paths, plot_growth, plot_normalised, plot_particle_paths, read_growth,
+    read_surfaces, run_loop,
 };
 
 /// Measure the methods on scans whose true path is known, simulated or real.
@@ -45,6 +46,7 @@ enum Command {
     Map3d(Map3dArgs),
     Growth(GrowthArgs),
     Loop(LoopArgs),
+    ParticlePaths(PathsArgs),
     Starts(StartsArgs),
     Envelope(EnvelopeArgs),
     Endurance(EnduranceArgs),
@@ -74,6 +76,25 @@ struct LoopArgs {
     config: ConfigArgs,
     #[command(flatten)]
     tell: TellArgs,
+}
+
+/// What do the particles make of a drive? Draws the path of each, and what the best one has seen.
+///
+/// One level, whatever the configuration says. The best one's path is red.
+#[derive(Debug, Args)]
+struct PathsArgs {
+    #[arg(help = LOG)]
+    log: PathBuf,
+    /// A panel for each: the particles after so many scans.
+    #[arg(long, value_name = "N,…", value_delimiter = ',', required = true)]
+    after: Vec<usize>,
+    /// The figure.
+    #[arg(long, value_name = "FILE.svg", default_value = "particle-paths.svg")]
+    out: PathBuf,
+    #[command(flatten)]
+    seed: SeedArgs,
+    #[command(flatten)]
+    config: ConfigArgs,
 }
 
 /// Does the cost of a scan grow with the map? Draws the steps of a run.
@@ -149,6 +170,7 @@ pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
         Command::Map3d(args) => run_map3d(args),
         Command::Growth(args) => run_growth(args),
         Command::Loop(args) => run_loops(args),
+        Command::ParticlePaths(args) => run_paths(args),
         Command::Starts(args) => experiment_starts::run(args),
         Command::Envelope(args) => experiment_envelope::run(args),
         Command::Endurance(args) => experiment_endurance::run(args),
@@ -171,6 +193,20 @@ fn run_loops(args: &LoopArgs) -> Result<(), Failure> {
         .save(|stage| Ok(files.iter().try_for_each(|(name, text)| write_file(&stage.join(name), text.as_bytes()))?))
         .map_err(Failure::Work)?;
     args.tell.print(&runs, || with_folder(&table, folder.named()))
+}
+
+fn run_paths(args: &PathsArgs) -> Result<(), Failure> {
+    let config = args.config.load()?;
+    let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
+    if let Some(after) = args.after.iter().find(|after| !(1..=scans.len()).contains(after)) {
+        let count = scans.len();
+        return Err(Failure::start(anyhow::anyhow!(
+            "--after {after}: the log has {count} scans; expected 1 to {count}"
+        )));
+    }
+    let place = (&config.mapping(), config.robot_from_lrf());
+    let told = particle_paths(place, args.seed.seed, &scans, &args.after).map_err(Failure::Work)?;
+    save(&args.out, &plot_particle_paths(&told).map_err(Failure::work)?)
 }
 
 fn run_growth(args: &GrowthArgs) -> Result<(), Failure> {

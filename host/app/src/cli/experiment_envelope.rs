@@ -27,7 +27,7 @@ pub(super) struct EnvelopeArgs {
     relations: PathBuf,
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..1000), help = SEEDS)]
     seeds: u64,
-    /// This seed alone.
+    /// Start of the random numbers: the same seed and input give the same results.
     #[arg(long, value_name = "N", conflicts_with = "seeds")]
     seed: Option<u64>,
     /// These rows alone; may be given more than once, or with commas [default: all].

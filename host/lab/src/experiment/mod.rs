@@ -14,6 +14,7 @@ mod match_pairs;
 mod motion_model;
 mod normalised;
 mod pair;
+mod particle_paths;
 mod plots;
 mod starts;
 mod sweep;
@@ -32,6 +33,7 @@ pub use match_pairs::{MatchPairsConfig, MatchPairsError, MatchPairsReport, match
 pub use motion_model::{AxisModel, MotionModel, fit_motion_model};
 pub use normalised::{AxisShares, NormalisedError, NormalisedSummary, normalised_csv, plot_normalised};
 pub use pair::{Contender, Rig};
+pub use particle_paths::{ParticlePaths, particle_paths, plot_particle_paths};
 pub use plots::{PlotError, plot_distributions, plot_errors};
 pub use starts::{StartFound, StartOutcome, StartsConfig, starts_csv, starts_summary, try_starts};
 pub use sweep::{CaseSummary, Method, PairError, SweepCase, SweepConfig, SweepError, SweepReport, sweep, write_csv};
