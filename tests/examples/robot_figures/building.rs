@@ -4,6 +4,7 @@
 //! The robot's clock begins when it is switched on; from the first scan on it goes with the log's times, made good where those run backwards, crowd
 //! or stop (see [`pace`]). `trajectory.tum` has the log's own times, and so has `robot.tum`, the robot's own path before the host has closed any loop.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
@@ -231,9 +232,12 @@ fn finish(
     run.set_status(&status);
     let high = run.high_counts();
     run.save((&args.log.display().to_string(), damaged), Ending::Complete, None)?;
-    write_path(&args.out.join("robot.tum"), &run.map().path(), scans, &numbers)?;
+    let path = run.map().path();
+    let taken: HashMap<Instant, u32> = path.iter().map(|pose| pose.stamp).zip(numbers.iter().copied()).collect();
+    write_path(&args.out.join("robot.tum"), &path, scans, &taken)?;
+    // Scans that fitted nowhere are not in it.
     let file = args.out.join("trajectory.tum");
-    write_path(&file, &read_trajectory(&file)?, scans, &numbers)?;
+    write_path(&file, &read_trajectory(&file)?, scans, &taken)?;
     let Tally { lost, dropped, tiles, ndt_dropped, ndt_evicted, .. } = tally;
     let wall_s = started.elapsed().as_secs_f64();
     println!("{} of {} scans mapped, {lost} of them lost", tally.scans, scans.len());
@@ -252,12 +256,19 @@ fn finish(
     Ok(())
 }
 
-/// Writes the poses of the scans with these numbers, the log's times in the place of those of the robot's clock.
-fn write_path(file: &Path, poses: &[TimedPose], scans: &[LogScan], numbers: &[u32]) -> anyhow::Result<()> {
-    ensure!(poses.len() == numbers.len(), "{}: {} poses of {} scans", file.display(), poses.len(), numbers.len());
+/// Writes poses, the log's times in the place of those of the robot's clock.
+///
+/// * `taken` — the number of the scan that was taken at a time of the robot's clock
+fn write_path(
+    file: &Path,
+    poses: &[TimedPose],
+    scans: &[LogScan],
+    taken: &HashMap<Instant, u32>,
+) -> anyhow::Result<()> {
     let mut out = BufWriter::new(File::create(file)?);
-    for (pose, number) in poses.iter().zip(numbers) {
-        let scan = scans.get(*number as usize - 1).context("a pose of no scan")?;
+    for pose in poses {
+        let number = taken.get(&pose.stamp).copied().unwrap_or(0);
+        let scan = (number as usize).checked_sub(1).and_then(|index| scans.get(index)).context("a pose of no scan")?;
         TimedPose { stamp: scan.stamp, ..*pose }.write_tum(&mut out)?;
     }
     Ok(out.flush()?)
