@@ -191,7 +191,7 @@ mod tests {
 
     #[test]
     fn depths_become_distances_that_are_the_same_on_average() {
-        let measurements = [0.0, -0.5, 0.3].map(|beta| vec![0.0, 63.0, 2.0, beta]);
+        let measurements = [0.0, -0.5, 0.3].map(|beta| [0.0, 63.0, 2.0, beta]);
         let mean = mean_stretch(&measurements);
         let distances: f64 = measurements.iter().map(|row| row[2] * stretch(row[3]) / mean).sum();
         assert!((distances - 6.0).abs() < 1e-12, "{distances}");
