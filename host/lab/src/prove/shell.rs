@@ -139,8 +139,15 @@ impl Shell {
             let words = String::from_utf8_lossy(&stderr);
             return Err(failed(words.lines().next_back().unwrap_or("it said nothing").to_owned()));
         }
-        let stdout = String::from_utf8_lossy(&stdout).into_owned();
+        let stdout = self.without_places(&String::from_utf8_lossy(&stdout));
         Ok(Said { stdout, cpu_s: children_cpu_s() - before_s })
+    }
+
+    /// `text` with the folders written as rows write them: what is published says nothing of a machine's places.
+    fn without_places(&self, text: &str) -> String {
+        let folders = [(self.data.as_deref(), "$D"), (Some(self.work.path()), "$W")];
+        let named = folders.into_iter().filter_map(|(folder, name)| Some((folder?.to_str()?, name)));
+        named.fold(text.to_owned(), |text, (folder, name)| text.replace(folder, name))
     }
 }
 
@@ -216,7 +223,7 @@ mod tests {
     fn a_command_that_fails_says_why_and_one_without_a_toolchain_is_skipped() {
         let path = std::env::var_os("PATH").unwrap();
         let shell = Shell { data: None, work: tempfile::tempdir().unwrap(), path, prepared: BTreeSet::new() };
-        assert_eq!(shell.run("echo $S in; test -d $W", 7).ok().unwrap().stdout, "7 in\n");
+        assert_eq!(shell.run("echo $S in $W/x; test -d $W", 7).ok().unwrap().stdout, "7 in $W/x\n");
         let Err(Fault::Failed(why)) = shell.run("echo no; echo first >&2; echo last >&2; exit 1", 1) else { panic!() };
         assert!(why.ends_with("exit 1`: last"), "{why}");
         assert!(matches!(shell.run("exit 77", 1), Err(Fault::Missing(_))));
