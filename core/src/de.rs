@@ -6,7 +6,7 @@
 
 use rand_core::Rng;
 
-use crate::math::uniform;
+use crate::math::{clamp, uniform};
 
 crate::config! {
     /// Differential evolution (thesis table 4.5).
@@ -181,7 +181,7 @@ fn reflect(x: f32, low: f32, high: f32) -> f32 {
     } else {
         x
     };
-    inside.clamp(low, high)
+    clamp(inside, low, high)
 }
 
 #[cfg(test)]

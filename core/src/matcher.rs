@@ -16,7 +16,7 @@ use rand_core::Rng;
 
 use crate::de::{self, Bounds, DeConfig, Member};
 use crate::geometry::{Point2, Pose2};
-use crate::math::{hypot, sin_cos};
+use crate::math::{clamp, hypot, sin_cos};
 use crate::ndt::{NdtGrid, SHARP_M};
 use covariance::{NOTHING_KNOWN, covariance};
 use objective::{Objective, Prior, Summit};
@@ -278,7 +278,7 @@ impl<'m> ScanMatcher<'m> {
         let step = prediction.map_from_robot.between(near);
         let mut start = [step.x, step.y, step.heading];
         for (gene, (low, high)) in start.iter_mut().zip(bounds.low.iter().zip(&bounds.high)) {
-            *gene = gene.clamp(*low, *high);
+            *gene = clamp(*gene, *low, *high);
         }
         let expected = prediction.score_expected;
         let chosen = spread(objective.points, *points);
@@ -374,5 +374,10 @@ fn is_apart(a: &[f32; 3], b: &[f32; 3]) -> bool {
 fn spread(points: &[Point2], count: u16) -> heapless::Vec<Point2, SEARCH_POINTS_MAX> {
     let count = usize::from(count).min(SEARCH_POINTS_MAX);
     let every = if count < points.len() { count } else { 0 };
-    (0..every).filter_map(|i| points.get(i * points.len() / every)).copied().collect()
+    let mut chosen = heapless::Vec::new();
+    for point in (0..every).filter_map(|i| points.get(i * points.len() / every)) {
+        // There is room for as many as `count` may be.
+        let _ = chosen.push(*point);
+    }
+    chosen
 }

@@ -39,6 +39,17 @@ pub fn floor(x: f32) -> i32 {
     ((x - 0.5 + ROUNDER).to_bits() as i32).wrapping_sub(ROUNDER.to_bits() as i32)
 }
 
+/// The value of [low, high] nearest to `x`; `f32::clamp` without its panic where `low` is not below `high`.
+pub fn clamp(x: f32, low: f32, high: f32) -> f32 {
+    if x < low {
+        low
+    } else if x > high {
+        high
+    } else {
+        x
+    }
+}
+
 /// Nearest integer, ties away from zero; saturates, NaN gives 0.
 #[inline]
 pub fn round_to_int(x: f32) -> i32 {

@@ -42,7 +42,8 @@ impl WindowFrame {
             let place = |value: f32| floor((value / tile_m).clamp(-PLACE_MAX, PLACE_MAX));
             let (first, last) = (place(low), place(high));
             let origin = (first + last - side + 1).div_euclid(2);
-            (origin, [(first - origin).clamp(0, side), (last + 1 - origin).clamp(0, side)])
+            let within = |tiles: i32| tiles.max(0).min(side);
+            (origin, [within(first - origin), within(last + 1 - origin)])
         };
         let ((column, columns), (row, rows)) = (along(low.x, high.x), along(low.y, high.y));
         Self { column, row, columns, rows }

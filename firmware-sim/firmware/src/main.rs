@@ -1,9 +1,10 @@
-//! The robot's program on a microcontroller: laser on one UART, host on another. All of its sense is in `lrfslam_robot::robot`; here
+//! The robot's program on a microcontroller: laser on one UART, host on another. All of its sense is in `lrfslam_robot::Robot`; here
 //! bytes and the time are brought to it.
 #![no_std]
 #![no_main]
 #![forbid(unsafe_code)]
 
+use cortex_m::peripheral::SCB;
 use lrfslam_core::time::Instant;
 use lrfslam_firmware::Pools;
 use lrfslam_firmware::board::{self, Board};
@@ -31,7 +32,9 @@ const KEY: Option<Key> = match option_env!("LRFSLAM_KEY") {
 fn main() -> ! {
     let mut board = Board::take();
     let lock = KEY.map(|key| Lock::of_robot(key, board.entropy()));
-    let mut robot = Robot::new(board::NAME, board.epoch(), POOLS.take().lend()).with_lock(lock);
+    // They are free: this is called once.
+    let Some(pools) = POOLS.try_take() else { SCB::sys_reset() };
+    let mut robot = Robot::new(board::NAME, board.epoch(), pools.lend()).with_lock(lock);
     let mut give = |board: &mut Board, input: Input<'_>| {
         let started = board.now();
         let deadline = robot.handle(started, input, board);

@@ -23,8 +23,12 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
         Self { queues: Mutex::new(RefCell::new(queues)) }
     }
 
-    fn with<T>(&self, act: impl FnOnce(&mut Queues<RX, TX>) -> T) -> T {
-        critical_section::with(|cs| act(&mut self.queues.borrow_ref_mut(cs)))
+    /// Nobody else has the queues within a critical section; if somebody had, nothing would be done.
+    fn with<T: Default>(&self, act: impl FnOnce(&mut Queues<RX, TX>) -> T) -> T {
+        critical_section::with(|cs| {
+            let mut queues = self.queues.borrow(cs).try_borrow_mut();
+            queues.as_mut().map_or_else(|_| T::default(), |queues| act(queues))
+        })
     }
 
     /// A byte came: for the interrupt handler. One that finds no room is counted and lost.

@@ -1,5 +1,7 @@
 //! Telegrams with ranges: B0 and its relatives.
 
+use core::num::NonZeroU16;
+
 use super::config_block::Unit;
 
 /// Bits of a 16-bit value that are range, by measuring mode; and what some numbers mean instead of a range.
@@ -167,7 +169,7 @@ impl<'a> Measurement<'a> {
     pub fn brightness(&self, measuring_mode: u8) -> Option<impl Iterator<Item = u8> + use<'a>> {
         let bits = level_bits(measuring_mode);
         let has_remission = matches!(self.part, Part::Remission(..));
-        let highest = (1_u16 << bits) - 1;
+        let highest = NonZeroU16::new((1 << bits) - 1).unwrap_or(NonZeroU16::MIN);
         let of = move |value: &[u8]| match value {
             [_, _, low, high, ..] if has_remission => u16::from_le_bytes([*low, *high]).min(255) as u8,
             [_, high, ..] if bits > 0 => (u16::from(high >> (8 - bits)) * 255 / highest) as u8,

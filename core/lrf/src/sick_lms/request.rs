@@ -154,7 +154,12 @@ impl Request {
             }
             Request::PermanentBaud(on) => bytes(&[0x66, u8::from(*on)]),
             Request::GetConfig => bytes(&[0x74]),
-            Request::SetConfig(block) => [0x77].iter().chain(block.bytes()).copied().collect(),
+            Request::SetConfig(block) => {
+                let mut payload = bytes(&[0x77]);
+                // It has room for the longest block.
+                let _ = payload.extend_from_slice(block.bytes());
+                payload
+            }
             Request::Unknown(command) => bytes(&[*command]),
         }
     }

@@ -139,16 +139,15 @@ impl<'m> Mapping<'m> {
     /// What the particles' paths have become since the last segment that was [told](Self::segment_told), if anything.
     pub fn segment(&self) -> Option<Segment> {
         let Lineage { ancestors, step, told_step, stamp } = &self.lineage;
-        let particles = self.slam.filter().particles().iter().zip(ancestors);
-        let particles =
-            particles.map(|(particle, parent)| PathNode { parent: *parent, map_from_robot: particle.map_from_robot });
-        (step != told_step).then(|| Segment {
-            step: *step,
-            since_step: *told_step,
-            stamp: *stamp,
-            best: self.slam.best() as u8,
-            particles: particles.collect(),
-        })
+        if step == told_step {
+            return None;
+        }
+        let mut particles = heapless::Vec::new();
+        for (particle, parent) in self.slam.filter().particles().iter().zip(ancestors) {
+            // As many as there are ancestors, for which there is room.
+            let _ = particles.push(PathNode { parent: *parent, map_from_robot: particle.map_from_robot });
+        }
+        Some(Segment { step: *step, since_step: *told_step, stamp: *stamp, best: self.slam.best() as u8, particles })
     }
 
     /// The last segment is on its way; the next one begins at its end.

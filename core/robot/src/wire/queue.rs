@@ -93,8 +93,11 @@ impl<'m> SendQueue<'m> {
             let length = self.memory.get(..self.used).and_then(|used| message_at(used, freed)).map_or(0, <[u8]>::len);
             freed += PREFIX + length;
         }
-        self.memory.copy_within(freed.min(self.used)..self.used, 0);
-        self.used -= freed.min(self.used);
+        if let Some(used) = self.memory.get_mut(..self.used) {
+            let freed = freed.min(used.len());
+            used.copy_within(freed.., 0);
+            self.used -= freed;
+        }
         let unsent = self.next.wrapping_sub(next);
         self.base = next;
         self.count -= done;

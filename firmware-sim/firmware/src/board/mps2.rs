@@ -4,6 +4,8 @@
 //! a simulation may run slower than the world: the first two words of the PSRAM, which QEMU's loader can fill, are [`MARK`] and by how much.
 #![allow(unsafe_code)]
 
+use core::num::NonZeroU64;
+
 use cortex_m::peripheral::{NVIC, Peripherals, SCB};
 use cortex_m_rt::exception;
 use lrfslam_core::time::Instant;
@@ -123,7 +125,7 @@ pub struct Board {
     /// Ticks of the clock at the last look.
     last: u32,
     ticks: u64,
-    ticks_per_us: u64,
+    ticks_per_us: NonZeroU64,
     pub(super) vitals: Vitals,
 }
 
@@ -154,7 +156,7 @@ impl Board {
         Self {
             last: u32::MAX,
             ticks: 0,
-            ticks_per_us: u64::from(CLOCK_MHZ) * u64::from(factor),
+            ticks_per_us: NonZeroU64::new(u64::from(CLOCK_MHZ) * u64::from(factor)).unwrap_or(NonZeroU64::MIN),
             vitals: Vitals::begin(),
         }
     }
