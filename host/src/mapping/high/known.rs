@@ -106,7 +106,8 @@ impl HighSlam<'_> {
         let nodes = self.graph.nodes();
         let is_near = |k: &usize| nodes[*k].between(nodes[newer]).distance_m() <= SEGMENTS_APART_M;
         let known = |k: &usize| hung.contains(k) && hung.contains(&(k + 1));
-        let seen: Vec<usize> = (0..newer).filter(|k| known(k) && is_near(k)).collect();
+        let has_scans = |k: &usize| self.segments[*k].has_scans();
+        let seen: Vec<usize> = (0..newer).filter(|k| is_near(k) && known(k) && has_scans(k)).collect();
         for segment in seen {
             let later: Vec<usize> = (segment + 1..=newer).collect();
             if self.is_known(segment, &later, NEWER_VISITS) {

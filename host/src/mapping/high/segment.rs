@@ -117,6 +117,11 @@ impl Segment {
         self.travel_m >= TRAVEL_M || self.rotation_rad >= ROTATION_DEG.to_radians()
     }
 
+    /// True if scans of it are still stored.
+    pub(super) fn has_scans(&self) -> bool {
+        self.poses.iter().any(|pose| pose.scan.is_some())
+    }
+
     /// The covariance after one more step: Σ' = F Σ Fᵀ + Q, all in the start's axes.
     fn drifted(&self, step: &LowStep) -> Matrix3<f64> {
         let end = self.start_from_end.then(PoseF64::from(step.previous_from_robot));
