@@ -56,7 +56,6 @@ struct View {
 }
 
 impl View {
-    #[inline(never)]
     fn of(scan: &RangeScan<'_>) -> Self {
         let beams = scan.beams.len().div_ceil(SECTORS).max(1);
         let mut parts = scan.beams.chunks(beams);
@@ -64,7 +63,6 @@ impl View {
     }
 
     /// Share of the sectors that have changed since `before`; `None` if there is too little to compare.
-    #[inline(never)]
     fn changed_since(&self, before: &Self) -> Option<f32> {
         let (mut known, mut changed) = (0_u16, 0_u16);
         for (now, before) in self.sectors.iter().zip(&before.sectors) {
@@ -93,7 +91,6 @@ pub(super) struct Change {
 
 impl Change {
     /// Takes the next scan.
-    #[inline(never)]
     pub(super) fn look(&mut self, scan: &RangeScan<'_>) {
         let newest = self.taken.checked_sub(1).and_then(|newest| self.views.get(newest % KEPT));
         if newest.is_some_and(|newest| (0.0..APART_S).contains(&newest.age_s(scan.stamp))) {

@@ -20,9 +20,6 @@ const CONSTRAINT_TRUSTED: f32 = 0.25;
 const ALONG_MAX_M2: f32 = 25.0;
 /// Hits this near to where the known part of their wall ends tell nothing, m: how far a match may be moved, and a cell. Chosen.
 const EDGE_M: f32 = 0.6;
-/// Hits are chosen where all of them say less about the axis than this, as along corridors: elsewhere what is left out tells more than it holds
-/// back. Chosen.
-const TELLING_BELOW: f32 = 0.12;
 /// If fewer hits than this tell something, all are asked: what is left of a few hits is noise. Chosen.
 const TELLING_MIN: usize = 16;
 /// A wall is across the axis if its worth there is greater by this than along itself. Chosen.
@@ -56,7 +53,6 @@ pub(super) struct Settled {
 /// Where the robot is along the weakest axis: where the points that tell it say, drawn towards the prediction, the more the less they say.
 ///
 /// A Kalman update on that axis: the prediction has the prior's variance, the match that of [`variance_along`].
-#[inline(never)]
 pub(super) fn settle(objective: &Objective<'_, '_>, pose: Pose2) -> Settled {
     let (axis, constraint) = weakest_axis(objective, pose);
     let prior = &objective.prior;
@@ -65,8 +61,8 @@ pub(super) fn settle(objective: &Objective<'_, '_>, pose: Pose2) -> Settled {
         return Settled { pose, axis, constraint, variance_m2, gain: 1.0 };
     }
     let telling = telling(objective.ndt, objective.points, pose, axis);
-    // Where much is told the edges hold nobody back; and a laser of few beams sees no more than a few hits anyway.
-    let (points, pose) = if constraint >= TELLING_BELOW || telling.len() < TELLING_MIN {
+    // A laser of few beams sees no more than a few anyway.
+    let (points, pose) = if telling.len() < TELLING_MIN {
         (objective.points, pose)
     } else {
         (telling.as_slice(), climb(&Objective { points: &telling, ..*objective }, pose, axis).pose)
@@ -80,7 +76,6 @@ pub(super) fn settle(objective: &Objective<'_, '_>, pose: Pose2) -> Settled {
 }
 
 /// The axis that the matched points say least about, and how much they say about it.
-#[inline(never)]
 fn weakest_axis(objective: &Objective<'_, '_>, pose: Pose2) -> (Point2, f32) {
     let [xx, xy, yy] = objective.ndt.constraint(objective.points, pose);
     // The eigenvector of the larger eigenvalue is at half the angle of (xx − yy, 2 xy); ours stands across it.
@@ -108,7 +103,6 @@ impl Extent {
 }
 
 /// Those of `points` (robot frame; not all of a great many) that tell something about `axis` (map) at `pose`.
-#[inline(never)]
 fn telling(ndt: &NdtGrid<'_>, points: &[Point2], pose: Pose2, axis: Point2) -> Telling {
     let mut chosen: Telling = spread(points, SEARCH_POINTS_MAX as u16);
     if chosen.is_empty() {
@@ -143,7 +137,6 @@ struct Along {
 }
 
 impl Along {
-    #[inline(never)]
     fn new(ndt: &NdtGrid<'_>, point: Point2, pose: Pose2, axis: Point2) -> Self {
         let in_map = pose.transform(point);
         let from_robot = in_map - pose.position();
@@ -171,7 +164,6 @@ fn climb(objective: &Objective<'_, '_>, pose: Pose2, axis: Point2) -> Summit {
 }
 
 /// Newton's method along the axis; a step that does not climb is halved.
-#[inline(never)]
 fn climb_from(objective: &Objective<'_, '_>, start: Pose2, axis: Point2) -> Summit {
     let mut best = Summit { pose: start, value: f32::NEG_INFINITY };
     let mut step_m = 0.0_f32;
@@ -192,7 +184,6 @@ fn climb_from(objective: &Objective<'_, '_>, start: Pose2, axis: Point2) -> Summ
     best
 }
 
-#[inline(never)]
 fn newton_step_m(objective: &Objective<'_, '_>, at: &Linearisation, pose: Pose2, axis: Point2) -> f32 {
     let prior = &objective.prior;
     let slope = axis.x * at.gradient.x + axis.y * at.gradient.y;
