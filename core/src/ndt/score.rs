@@ -205,22 +205,6 @@ impl NdtGrid<'_> {
         sums
     }
 
-    /// What the cells at a place of the map say about each direction, 0 to 1, as (xx, xy, yy), averaged over those layers that have one; `None` if
-    /// none has.
-    pub(crate) fn worth_at(&self, in_map: Point2) -> Option<[f32; 3]> {
-        let mut sum = [0.0_f32; 3];
-        let mut count = 0.0_f32;
-        for layer in 0..self.layers() {
-            let (u, v) = self.cell_coordinates(in_map, layer);
-            let gaussian = self.gaussian_at(self.place(floor(u), floor(v), layer));
-            if gaussian.scaled[0] < 0.0 {
-                count += 1.0;
-                sum.iter_mut().zip(gaussian.worth(self.config())).for_each(|(sum, term)| *sum += term);
-            }
-        }
-        (count > 0.0).then(|| sum.map(|element| element / count))
-    }
-
     /// How much the matched points say about each direction: Σ s (w_n n nᵀ + w_t t tᵀ) / Σ s as (xx, xy, yy).
     ///
     /// n and t are the axes of a cell's distribution and w their worth, 1 for an axis of 4 cm or less, whatever `noise_m` adds to it, and 0
