@@ -6,7 +6,7 @@
 //! of them, though the robot has moved. What stands still is soon seen by them too, and then it is map.
 //!
 //! Where beams return nothing no witness has seen a place free. What [stands alone](super::lone) there may walk, and in a corridor longer
-//! than the laser sees it is all that speaks about the way: it is map only once it has been seen to stand.
+//! than the laser sees it is all that speaks about the way: it is map only once two of them have seen it stand.
 
 use super::KeyScan;
 use super::lone::Objects;
@@ -52,14 +52,15 @@ pub(super) fn is_due(step: Pose2) -> bool {
     step.position().norm() >= APART_M || step.heading.abs() >= APART_DEG.to_radians()
 }
 
-/// True if the robot is slow enough to wait until what stands alone has been seen to stand.
+/// True if the robot is slow enough to wait until what stands alone has been seen to stand. Told by the way since the newest witness that is behind:
+/// stamps may come in bursts, and scans a millisecond apart say nothing of its speed.
 fn can_wait(taken: &Taken, witnesses: &[KeyScan]) -> bool {
-    let newest =
-        witnesses.iter().filter(|witness| witness.count > 0).map(|witness| &witness.taken).max_by_key(|w| w.at);
-    newest.is_none_or(|newest| {
-        let way_m = newest.map_from_robot.between(taken.map_from_robot).position().norm();
-        let seconds = taken.at.since(newest.at).as_secs_f32();
-        seconds <= 0.0 || way_m <= PASSED_SHARE * taken.farthest_m * seconds
+    let way_m = |from: &Taken| from.map_from_robot.between(taken.map_from_robot).position().norm();
+    let taken_then = witnesses.iter().filter(|witness| witness.count > 0).map(|witness| &witness.taken);
+    let behind = taken_then.filter(|then| way_m(then) >= APART_M).max_by_key(|then| then.at);
+    behind.is_none_or(|then| {
+        let seconds = taken.at.since(then.at).as_secs_f32();
+        seconds <= 0.0 || way_m(then) <= PASSED_SHARE * taken.farthest_m * seconds
     })
 }
 
@@ -102,12 +103,12 @@ struct Place {
 
 impl Place {
     fn moves<'a>(&self, taken: &Taken, witnesses: impl Iterator<Item = (&'a KeyScan, &'a [Point2])>) -> bool {
-        let (mut free, mut carried, mut stood) = (0, 0, false);
+        let (mut free, mut carried, mut stood) = (0, 0, 0);
         for (witness, points) in witnesses {
             let outline = Outline::new(witness, points.get(..witness.count).unwrap_or_default());
             let place = witness.taken.map_from_robot.inverse().transform(self.in_map) - witness.taken.eye;
             if self.is_alone {
-                stood |= taken.at.since(witness.taken.at) >= STOOD_FOR && outline.has_hit_at(place);
+                stood += usize::from(taken.at.since(witness.taken.at) >= STOOD_FOR && outline.has_hit_at(place));
             } else {
                 match outline.testimony(place) {
                     Testimony::Free => free += 1,
@@ -117,7 +118,7 @@ impl Place {
             }
             carried += usize::from(outline.is_on(self.in_robot - witness.taken.eye));
         }
-        carried >= WITNESSES_MIN || if self.is_alone { !stood } else { free >= WITNESSES_MIN }
+        carried >= WITNESSES_MIN || if self.is_alone { stood < WITNESSES_MIN } else { free >= WITNESSES_MIN }
     }
 }
 
@@ -220,12 +221,14 @@ mod tests {
         (0..=180).map(hit).collect()
     }
 
-    fn standing(now: f32, hits: &mut [Point2], earlier: [f32; 2], more: &dyn Fn(f32) -> f32) -> usize {
+    /// How many of `hits` stand, as two scans from `earlier` say, with so much `more` in the way of each.
+    fn standing(now: f32, hits: &mut [Point2], earlier: [f32; 2], more: [&dyn Fn(f32) -> f32; 2]) -> usize {
         let mut points = vec![Point2::default(); 2 * 181];
         let witnesses: Vec<KeyScan> = earlier
             .iter()
+            .zip(more)
             .zip(points.chunks_mut(181))
-            .map(|(x, memory)| {
+            .map(|((x, more), memory)| {
                 let mut witness = KeyScan::default();
                 witness.keep(memory, &seen_from(*x, more), taken_at(*x));
                 witness
@@ -250,10 +253,10 @@ mod tests {
     #[test]
     fn walls_stand_and_who_came_since_does_not() {
         let mut walls = seen_from(2.0, NOBODY);
-        assert_eq!(standing(2.0, &mut walls, [1.0, 0.0], NOBODY), 181);
+        assert_eq!(standing(2.0, &mut walls, [1.0, 0.0], [NOBODY; 2]), 181);
         // Somebody 1.5 m ahead, 0.4 m wide: 15 beams.
         let mut hits = seen_from(2.0, &|bearing| if bearing.abs() < 0.13 { 1.5 } else { f32::MAX });
-        assert_eq!(standing(2.0, &mut hits, [1.0, 0.0], NOBODY), 181 - 15);
+        assert_eq!(standing(2.0, &mut hits, [1.0, 0.0], [NOBODY; 2]), 181 - 15);
         assert!(hits[..166].iter().all(|hit| hit.norm() > 1.9), "those that stand come first");
     }
 
@@ -262,7 +265,28 @@ mod tests {
     fn who_goes_before_the_robot_is_not_map() {
         let escort = |bearing: f32| if bearing.abs() < 0.4 { 1.2 } else { f32::MAX };
         let mut hits = seen_from(2.0, &escort);
-        let kept = standing(2.0, &mut hits, [1.4, 0.8], &escort);
+        let kept = standing(2.0, &mut hits, [1.4, 0.8], [&escort; 2]);
         assert!((181 - 51..=181 - 40).contains(&kept), "{kept}");
+    }
+    /// He is where he was on his way there, and for one of the witnesses has stood.
+    #[test]
+    fn who_stands_is_map_and_who_turns_round_is_not() {
+        let at = |range_m: f32| move |bearing: f32| if bearing.abs() < 0.2 / range_m { range_m } else { f32::MAX };
+        let hits = || seen_from(2.0, &at(2.0));
+        assert_eq!(standing(2.0, &mut hits(), [1.0, 0.0], [&at(3.0), &at(4.0)]), 181);
+        assert_eq!(standing(2.0, &mut hits(), [1.0, 0.0], [&at(4.0), &at(4.0)]), 181 - 11);
+    }
+    /// Some logs are written in bursts: scans of a second have stamps a millisecond apart.
+    #[test]
+    fn only_who_is_fast_for_half_a_metre_cannot_wait() {
+        let witness = |x| {
+            let mut witness = KeyScan::default();
+            witness.keep(&mut [Point2::default()], &[Point2::default()], taken_at(x));
+            witness
+        };
+        let witnesses = [witness(1.0), witness(0.0)];
+        let at = |seconds: f32, x| Taken { at: taken_at(seconds).at, ..taken_at(x) };
+        assert!(can_wait(&at(1.001, 1.1), &witnesses), "a tenth of a metre in a millisecond");
+        assert!(!can_wait(&at(1.1, 1.6), &witnesses), "6 m/s, who sees 20 m");
     }
 }
