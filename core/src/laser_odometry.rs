@@ -13,10 +13,12 @@ use crate::scan::RangeScan;
 use crate::sweep::{Sweep, SweepMotion};
 use crate::time::{Duration, Instant};
 
+mod change;
 mod course;
 mod expectation;
 #[cfg(feature = "witnesses")]
 mod lone;
+mod open_axis;
 mod reference;
 mod sight;
 mod walls;
@@ -255,6 +257,7 @@ impl<'m> LaserOdometry<'m> {
             self.map_from_robot = self.map_from_robot * self.course.trusted(displacement).unwrap_or_default();
             return Ok(self.blind_step(scan, count, motion, is_frozen));
         }
+        self.course.look(scan, self.usual_interval_s);
         let forecast = self.forecast(scan, count, displacement);
         let predicted = self.map_from_robot * forecast.step;
         let first = self.ndt.tiles_used() == 0;

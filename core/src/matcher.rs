@@ -6,6 +6,7 @@
 //! Everything is in the robot's frame: points come with the mounting of the laser already applied, so that the result
 //! is the robot's displacement and not the laser's (thesis §4.4 warns of the difference).
 
+mod along;
 mod covariance;
 mod objective;
 #[cfg(test)]
@@ -16,8 +17,9 @@ use rand_core::Rng;
 
 use crate::de::{self, Bounds, DeConfig, Member};
 use crate::geometry::{Point2, Pose2};
-use crate::math::{clamp, hypot, sin_cos};
-use crate::ndt::{NdtGrid, SHARP_M};
+use crate::math::{clamp, hypot};
+use crate::ndt::NdtGrid;
+use along::Settled;
 use covariance::{NOTHING_KNOWN, covariance};
 use objective::{Objective, Prior, Summit};
 
@@ -33,9 +35,6 @@ const APART_RAD: f32 = 0.01;
 /// An axis about which the matched points say less than this is reported as undetermined: 0 for parallel walls without any feature,
 /// 0.5 for walls in all directions seen as sharply as the laser can. Chosen.
 pub const CONSTRAINT_MIN: f32 = 0.03;
-/// An axis about which they say less than this is not fully believed but drawn towards the prediction, where there is a prior.
-/// Chosen; the thesis believes every match.
-const CONSTRAINT_TRUSTED: f32 = 0.25;
 /// A robot that is not where it was expected is searched for so far in every direction, m: chosen for a robot that is carried a step.
 const LOST_DISTANCE_M: f32 = 2.0;
 /// And so far to each side, degrees: chosen.
@@ -120,8 +119,12 @@ pub struct Match {
     pub covariance: Matrix3<f32>,
     /// How much the scene says about its least determined axis, 0 (nothing) to 0.5; see [`NdtGrid::constraint`].
     pub constraint: f32,
+    /// That axis: a unit vector in the map.
+    pub weakest_axis: Point2,
     /// Direction in the map (unit vector) about which the scene says nothing, e.g. along a featureless corridor.
     pub undetermined: Option<Point2>,
+    /// How much the match counts along that axis, 0 (the prediction alone) to 1.
+    pub gain: f32,
 }
 
 impl Match {
@@ -136,7 +139,9 @@ impl Match {
             converged: false,
             covariance: Matrix3::from_diagonal_element(NOTHING_KNOWN),
             constraint: 0.0,
+            weakest_axis: Point2::default(),
             undetermined: None,
+            gain: 0.0,
         }
     }
 }
@@ -251,8 +256,7 @@ impl<'m> ScanMatcher<'m> {
                 best = if summit.value > best.value { summit } else { best };
             }
         }
-        let settled = self.settle(objective, best.pose);
-        self.report(objective, prediction, settled, &outcome)
+        report(objective, prediction, &along::settle(objective, best.pose), &outcome)
     }
 
     /// Newton from the prediction alone, without the search: what scan matching is without DE.
@@ -289,66 +293,36 @@ impl<'m> ScanMatcher<'m> {
             expected - objective.value(pose, expected - limit)
         })
     }
+}
 
-    fn report(
-        &self,
-        objective: &Objective<'_, '_>,
-        prediction: &Prediction,
-        pose: Pose2,
-        outcome: &de::Outcome<3>,
-    ) -> Match {
-        let (at, scatter) = objective.ndt.linearise_with_scatter(objective.points, pose);
-        let count = objective.points.len().max(1) as f32;
-        let (axis, constraint) = self.weakest_axis(objective, pose);
-        let undetermined = (constraint < CONSTRAINT_MIN).then_some(axis);
-        let mut covariance = covariance(&at, &scatter);
-        if let Some(axis) = undetermined {
-            // Cells cut a smooth wall up and make an optimum where the scene has none: what the scene says is all there is.
-            let along = Vector3::new(axis.x, axis.y, 0.0);
-            covariance += along * along.transpose() * self.variance_along(constraint, objective).min(NOTHING_KNOWN);
-        }
-        Match {
-            map_from_robot: pose,
-            score: at.score,
-            score_per_point: at.score / count,
-            fitness: prediction.score_expected - at.score,
-            generations: outcome.generations,
-            converged: outcome.converged,
-            covariance,
-            constraint,
-            undetermined,
-        }
+/// What the search has found.
+fn report(
+    objective: &Objective<'_, '_>,
+    prediction: &Prediction,
+    &Settled { pose, axis, constraint, variance_m2, gain }: &Settled,
+    outcome: &de::Outcome<3>,
+) -> Match {
+    let (at, scatter) = objective.ndt.linearise_with_scatter(objective.points, pose);
+    let count = objective.points.len().max(1) as f32;
+    let undetermined = (constraint < CONSTRAINT_MIN).then_some(axis);
+    let mut covariance = covariance(&at, &scatter);
+    if let Some(axis) = undetermined {
+        // Cells cut a smooth wall up and make an optimum where the scene has none: what the scene says is all there is.
+        let along = Vector3::new(axis.x, axis.y, 0.0);
+        covariance += along * along.transpose() * variance_m2;
     }
-
-    /// Draws `pose` towards the prediction along the weakest axis, the more the less the scene says about it.
-    ///
-    /// A Kalman update on that axis: the prediction has the prior's variance, the match that of [`Self::variance_along`].
-    fn settle(&self, objective: &Objective<'_, '_>, pose: Pose2) -> Pose2 {
-        let (axis, constraint) = self.weakest_axis(objective, pose);
-        let prior = &objective.prior;
-        if prior.position <= 0.0 || constraint >= CONSTRAINT_TRUSTED {
-            return pose;
-        }
-        let gain = 1.0 / (1.0 + self.variance_along(constraint, objective) * prior.position);
-        let departure = axis.x * (pose.x - prior.predicted.x) + axis.y * (pose.y - prior.predicted.y);
-        let back = (gain - 1.0) * departure;
-        Pose2 { x: pose.x + back * axis.x, y: pose.y + back * axis.y, heading: pose.heading }
-    }
-
-    /// Variance along an axis that the scene says little about, m²: that of a wall (4 cm) over the number of points that speak about
-    /// the axis, which is far too optimistic for very few points and therefore raised by ([`CONSTRAINT_TRUSTED`] / constraint)².
-    fn variance_along(&self, constraint: f32, objective: &Objective<'_, '_>) -> f32 {
-        let doubt = CONSTRAINT_TRUSTED / constraint.max(1e-6);
-        let speaking = constraint.max(1e-6) * objective.points.len() as f32;
-        SHARP_M * SHARP_M / speaking * doubt * doubt
-    }
-
-    /// The axis that the matched points say least about, and how much they say about it.
-    fn weakest_axis(&self, objective: &Objective<'_, '_>, pose: Pose2) -> (Point2, f32) {
-        let [xx, xy, yy] = objective.ndt.constraint(objective.points, pose);
-        // The eigenvector of the larger eigenvalue is at half the angle of (xx − yy, 2 xy); ours stands across it.
-        let (sin, cos) = sin_cos(0.5 * libm::atan2f(2.0 * xy, xx - yy));
-        (Point2::new(-sin, cos), 0.5 * (xx + yy) - hypot(0.5 * (xx - yy), xy))
+    Match {
+        map_from_robot: pose,
+        score: at.score,
+        score_per_point: at.score / count,
+        fitness: prediction.score_expected - at.score,
+        generations: outcome.generations,
+        converged: outcome.converged,
+        covariance,
+        constraint,
+        weakest_axis: axis,
+        undetermined,
+        gain,
     }
 }
 

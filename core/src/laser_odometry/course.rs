@@ -3,8 +3,10 @@
 //! The last step again, or the robot's odometry: what was nearer to the matches so far predicts, position and heading each for
 //! themselves. So odometry that is good helps, and what is frozen, flipped, slipping or of another clock is left out.
 
+use super::open_axis::OpenAxis;
 use crate::geometry::Pose2;
 use crate::matcher::{Match, PriorSpread};
+use crate::scan::RangeScan;
 
 /// Predictions are remembered for about so many matches. Chosen.
 const MEMORY: f32 = 50.0;
@@ -68,11 +70,18 @@ pub(super) struct Course {
     odometry: Errors,
     /// Matches learned from, up to [`MEMORY`].
     learned: f32,
+    open_axis: OpenAxis,
 }
 
 impl Default for Course {
     fn default() -> Self {
-        Self { step: Pose2::IDENTITY, steady: Errors::FIRST, odometry: Errors::FIRST, learned: FIRST_COUNT }
+        Self {
+            step: Pose2::IDENTITY,
+            steady: Errors::FIRST,
+            odometry: Errors::FIRST,
+            learned: FIRST_COUNT,
+            open_axis: OpenAxis::default(),
+        }
     }
 }
 
@@ -82,9 +91,17 @@ impl Course {
         self.step
     }
 
+    /// Takes the scan that is to be matched next.
+    ///
+    /// * `interval_s` — from scan to scan in the mean
+    pub(super) fn look(&mut self, scan: &RangeScan<'_>, interval_s: f32) {
+        self.open_axis.look(scan, interval_s);
+    }
+
     /// Nothing is known of the motion any more.
     pub(super) fn rest(&mut self) {
         self.step = Pose2::IDENTITY;
+        self.open_axis.rest();
     }
 
     /// `odometry`, if it has agreed better with the matches so far than steady motion: where scans say nothing, the robot goes on by it.
@@ -95,7 +112,7 @@ impl Course {
 
     /// What to expect.
     ///
-    /// * `steady` — the last step again, perhaps stretched
+    /// * `steady` — the last step again, perhaps stretched; along an open axis what [`OpenAxis`] says takes its place
     /// * `odometry` — displacement since the last scan, if there is any
     /// * `spread` — so many times as far as usual the robot may depart from a steady motion
     /// * `prior_m`, `prior_rad` — how far that is usually; 0: no prior
@@ -106,6 +123,7 @@ impl Course {
         spread: f32,
         (prior_m, prior_rad): (f32, f32),
     ) -> Forecast {
+        let steady = self.open_axis.expected(steady, self.step);
         let mut step = steady;
         let mut prior = PriorSpread { position: spread, heading: spread };
         if let Some(told) = odometry {
@@ -126,6 +144,7 @@ impl Course {
 
     /// The robot has gone on by `step`, as `matched` says.
     pub(super) fn advance(&mut self, forecast: &Forecast, step: Pose2, matched: &Match) {
+        self.open_axis.advance(step, matched);
         if matched.constraint >= JUDGED_FROM {
             self.learned = (self.learned + 1.0).min(MEMORY);
             let share = 1.0 / self.learned;

@@ -162,6 +162,7 @@ impl Gaussian {
     }
 
     /// What the cell says about each direction, 0 to 1, as (xx, xy, yy); see `NdtGrid::constraint`.
+    #[inline(never)]
     pub(super) fn worth(&self, config: &NdtConfig) -> [f32; 3] {
         let [xx, xy, yy] = self.information();
         let (half_trace, half_difference) = (0.5 * (xx + yy), 0.5 * (xx - yy));

@@ -167,6 +167,7 @@ impl NdtGrid<'_> {
     }
 
     /// Score and its derivatives with respect to (x, y, heading) of `map_from_robot`.
+    #[inline(never)]
     pub fn linearise(&self, points: &[Point2], map_from_robot: Pose2) -> Linearisation {
         self.sums(points, map_from_robot, None).linearisation(self.share(), self.config().cell_size_m)
     }
@@ -205,11 +206,30 @@ impl NdtGrid<'_> {
         sums
     }
 
+    /// What the cells at a place of the map say about each direction, 0 to 1, as (xx, xy, yy), averaged over those layers that have one; `None` if
+    /// none has.
+    #[inline(never)]
+    pub(crate) fn worth_at(&self, in_map: Point2) -> Option<[f32; 3]> {
+        let mut sum = [0.0_f32; 3];
+        let mut count = 0.0_f32;
+        for layer in 0..self.layers() {
+            let (u, v) = self.cell_coordinates(in_map, layer);
+            let gaussian = self.gaussian_at(self.place(floor(u), floor(v), layer));
+            if gaussian.scaled[0] < 0.0 {
+                count += 1.0;
+                sum.iter_mut().zip(gaussian.worth(self.config())).for_each(|(sum, term)| *sum += term);
+            }
+        }
+        (count > 0.0).then(|| sum.map(|element| element / count))
+    }
+
     /// How much the matched points say about each direction: Σ s (w_n n nᵀ + w_t t tᵀ) / Σ s as (xx, xy, yy).
     ///
     /// n and t are the axes of a cell's distribution and w their worth, 1 for an axis of 4 cm or less, whatever `noise_m` adds to it, and 0
     /// for one as wide as points spread evenly over the cell: a wall speaks for its normal only, however finely the cells
     /// cut it up, a pillar for both axes. A small eigenvalue means that the scene leaves its axis undetermined.
+    // One copy for all who ask: flash is dear on a small robot.
+    #[inline(never)]
     pub fn constraint(&self, points: &[Point2], map_from_robot: Pose2) -> [f32; 3] {
         let mut sum = [0.0_f32; 3];
         let mut total = 1e-9_f32;

@@ -60,10 +60,10 @@ fn told(landmarks: &[MapLandmark]) -> Vec<[f32; 5]> {
 fn give(feed: &mut Feed, path: &[TimedPose], now: Now) {
     let (mut batch, mut cursor): (Batch, Cursor) = feed.begin();
     let map_from_start = PoseF64::from(Pose2::IDENTITY);
-    batch.stretches.push(Stretch { map_from_start, bend: PoseF64::default(), travel_m: 0.0, piece: 0 });
+    batch.stretches.push(Stretch { map_from_start, bend: PoseF64::default(), slack_m: 0.0, piece: 0 });
     while let Some(pose) = path.get(cursor.poses) {
         let (stamp, start_from_robot) = (pose.stamp, pose.map_from_robot);
-        let pose = SegmentPose { stamp, start_from_robot, travel_m: 0.0, scan: None, is_lost: false };
+        let pose = SegmentPose { stamp, start_from_robot, slack_m: 0.0, scan: None, is_lost: false };
         if !batch.push(&mut cursor, (0, &pose, false), |_| None) {
             break;
         }

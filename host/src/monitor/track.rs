@@ -44,7 +44,7 @@ impl Track {
     pub fn place(&self, given: &GivenPose) -> Pose2 {
         let Some(stretch) = self.stretches.get(given.stretch) else { return given.pose.start_from_robot };
         let rigid = stretch.map_from_start.then(PoseF64::from(given.pose.start_from_robot));
-        let share = f64::from(given.pose.travel_m) / f64::from(stretch.travel_m).max(1e-6);
+        let share = f64::from(given.pose.slack_m) / f64::from(stretch.slack_m).max(1e-6);
         let PoseF64 { x, y, heading } = stretch.bend;
         PoseF64::new(rigid.x + share * x, rigid.y + share * y, wrap(rigid.heading + share * heading)).to_f32()
     }

@@ -34,7 +34,7 @@ pub(super) fn show_high(high: &HighSlam<'_>, is_old: bool, batch: &mut Batch, cu
 
 /// A stretch that begins at a pose and does not bend.
 pub(super) fn stiff(map_from_start: Pose2, piece: usize) -> Stretch {
-    Stretch { map_from_start: PoseF64::from(map_from_start), bend: PoseF64::default(), travel_m: 0.0, piece }
+    Stretch { map_from_start: PoseF64::from(map_from_start), bend: PoseF64::default(), slack_m: 0.0, piece }
 }
 
 /// A pose on it.
@@ -44,7 +44,7 @@ pub(super) fn pose_on(
     is_lost: bool,
     scan: Option<u32>,
 ) -> SegmentPose {
-    SegmentPose { stamp, start_from_robot, travel_m: 0.0, scan, is_lost }
+    SegmentPose { stamp, start_from_robot, slack_m: 0.0, scan, is_lost }
 }
 
 /// Where the robot is by the latest pose of the last stretch, if there is any yet.

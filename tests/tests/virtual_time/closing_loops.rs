@@ -9,7 +9,7 @@ use lrfslam_host::mapping::Closing;
 use lrfslam_host::trajectory::TimedPose;
 use lrfslam_tests::drives::Drive;
 
-/// Once round the loop and 18 m on, with a laser noisy enough for the low level to drift by half a metre.
+/// Once round the loop and 18 m on, with a laser noisy enough for the low level to drift by 0.4 m.
 fn drive() -> Drive {
     let scenario = Scenario::load("loop").unwrap().driving_on(&[[29.5, 9.5]]).unwrap();
     let lrf = LrfModel { errors: LrfErrors::gaussian(0.04), ..LrfModel::LMS200 };
@@ -21,7 +21,7 @@ fn places_recognised_close_the_loop() {
     let mapped = drive().map(&RunConfig::default(), 1, 2);
     let (counts, revisit_m) = (mapped.counts.unwrap(), mapped.report.revisit_m);
     assert!(counts.closures >= 1 && counts.largest_move_m > 0.1, "{counts:?}");
-    assert!(revisit_m.count > 5 && revisit_m.max < 0.5, "{revisit_m:?}");
+    assert!(revisit_m.count > 5 && revisit_m.max < 0.25, "{revisit_m:?}");
 }
 
 /// Without anything that closes loops the same drive stays open: the test above shows the closures, not a good low level.
@@ -31,7 +31,7 @@ fn without_closures_the_loop_stays_open() {
     config.closure.enabled = false;
     let mapped = drive().map(&config, 1, 2);
     assert_eq!(mapped.counts.unwrap().closures, 0);
-    assert!(mapped.report.revisit_m.max > 0.4, "{:?}", mapped.report.revisit_m);
+    assert!(mapped.report.revisit_m.max > 0.3, "{:?}", mapped.report.revisit_m);
 }
 
 #[test]

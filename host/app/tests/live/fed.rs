@@ -60,7 +60,7 @@ impl Fed {
     /// A stretch of path that begins there, in a piece of map.
     pub fn begin_stretch(&mut self, map_from_start: Pose2, piece: usize) {
         let map_from_start = PoseF64::from(map_from_start);
-        self.stretches.push(Stretch { map_from_start, bend: PoseF64::default(), travel_m: 0.0, piece });
+        self.stretches.push(Stretch { map_from_start, bend: PoseF64::default(), slack_m: 0.0, piece });
         self.poses.push(Vec::new());
     }
 
@@ -82,7 +82,7 @@ impl Fed {
         let start_from_robot = start.between(pose).to_f32();
         let number = Some(self.scans.len() as u32 - 1);
         let poses = self.poses.last_mut().expect("a stretch has begun");
-        poses.push(SegmentPose { stamp: at, start_from_robot, travel_m: 0.0, scan: number, is_lost: false });
+        poses.push(SegmentPose { stamp: at, start_from_robot, slack_m: 0.0, scan: number, is_lost: false });
         self.now.stamp = at;
         self.now.hits = beams.iter().filter_map(Point2::of_hit).collect();
     }

@@ -86,10 +86,10 @@ impl HighSlam<'_> {
         let open_end = start.then(segment.start_from_end);
         let end = self.graph.nodes().get(k + 1).copied().unwrap_or(open_end);
         let (dx, dy, turn) = (end.x - open_end.x, end.y - open_end.y, wrap(end.heading - open_end.heading));
-        let length = f64::from(segment.travel_m).max(1e-6);
+        let length = f64::from(segment.slack_m).max(1e-6);
         segment.poses.iter().map(move |pose| {
             let rigid = start.then(PoseF64::from(pose.start_from_robot));
-            let share = f64::from(pose.travel_m) / length;
+            let share = f64::from(pose.slack_m) / length;
             let heading = wrap(rigid.heading + share * turn);
             (PoseF64::new(rigid.x + share * dx, rigid.y + share * dy, heading), pose)
         })

@@ -44,7 +44,7 @@ struct SavedSegment {
 struct SavedPose {
     stamp: Instant,
     start_from_robot: Pose2,
-    travel_m: f32,
+    slack_m: f32,
     scan: Option<u32>,
     is_lost: bool,
 }
@@ -188,7 +188,7 @@ impl SavedPath {
         let pose = |number: i16, scan| SavedPose {
             stamp: Instant::from_micros(1000 * i64::from(number)),
             start_from_robot: Pose2::new(f32::from(number), 0.5, -0.25),
-            travel_m: 0.125 + f32::from(number),
+            slack_m: 0.125 + f32::from(number),
             scan,
             is_lost: scan.is_none(),
         };
@@ -238,15 +238,15 @@ impl SavedSegment {
         self.end.iter().chain(&self.covariance).all(|number| number.is_finite())
             && self.travel_m.is_finite()
             && self.rotation_rad.is_finite()
-            && self.poses.iter().all(|pose| pose.start_from_robot.is_finite() && pose.travel_m.is_finite())
+            && self.poses.iter().all(|pose| pose.start_from_robot.is_finite() && pose.slack_m.is_finite())
     }
 }
 
 impl From<&Segment> for SavedSegment {
     fn from(segment: &Segment) -> Self {
         let pose = |pose: &SegmentPose| {
-            let SegmentPose { stamp, start_from_robot, travel_m, scan, is_lost } = *pose;
-            SavedPose { stamp, start_from_robot, travel_m, scan, is_lost }
+            let SegmentPose { stamp, start_from_robot, slack_m, scan, is_lost } = *pose;
+            SavedPose { stamp, start_from_robot, slack_m, scan, is_lost }
         };
         Self {
             poses: segment.poses.iter().map(pose).collect(),
@@ -261,14 +261,15 @@ impl From<&Segment> for SavedSegment {
 impl From<&SavedSegment> for Segment {
     fn from(saved: &SavedSegment) -> Self {
         let pose_of = |of: &SavedPose| {
-            let SavedPose { stamp, start_from_robot, travel_m, scan, is_lost } = *of;
-            SegmentPose { stamp, start_from_robot, travel_m, scan, is_lost }
+            let SavedPose { stamp, start_from_robot, slack_m, scan, is_lost } = *of;
+            SegmentPose { stamp, start_from_robot, slack_m, scan, is_lost }
         };
         Self {
             poses: saved.poses.iter().map(pose_of).collect(),
             start_from_end: pose(saved.end),
             covariance: Matrix3::from_column_slice(&saved.covariance),
             travel_m: saved.travel_m,
+            slack_m: saved.poses.last().map_or(0.0, |pose| pose.slack_m),
             rotation_rad: saved.rotation_rad,
         }
     }

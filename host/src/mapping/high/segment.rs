@@ -23,6 +23,8 @@ const DRIFT_DEG: f32 = 0.15;
 const DRIFT_TURNING_DEG: f32 = 0.15;
 /// Along an axis that the scene left undetermined, as a share of the way driven so.
 const DRIFT_UNDETERMINED: f32 = 0.3;
+/// Way driven so counts so many times where a correction of the segment's end is spread: about the ratio of the drifts, a metre long.
+const SLACK_UNDETERMINED: f32 = 20.0;
 /// Of a scan that was lost, m.
 const DRIFT_LOST_M: f32 = 0.3;
 /// Of a scan that was lost, degrees.
@@ -61,8 +63,8 @@ pub struct SegmentPose {
     pub stamp: Instant,
     /// Pose of the robot, seen from the segment's start.
     pub start_from_robot: Pose2,
-    /// Way from the segment's start, m.
-    pub travel_m: f32,
+    /// See [`Segment::slack_m`].
+    pub slack_m: f32,
     /// Place of the scan among the stored ones, if it is stored.
     pub scan: Option<u32>,
     /// The scan fits nowhere: the pose is a guess.
@@ -80,6 +82,8 @@ pub struct Segment {
     pub covariance: Matrix3<f64>,
     /// Length of the way, m.
     pub travel_m: f32,
+    /// The same with way along which the scene said nothing counted more often: what moves the end is spread in proportion.
+    pub slack_m: f32,
     /// Rotation, both ways added up, rad.
     pub(super) rotation_rad: f32,
 }
@@ -92,6 +96,7 @@ impl Segment {
             start_from_end: PoseF64::default(),
             covariance: Matrix3::zeros(),
             travel_m: 0.0,
+            slack_m: 0.0,
             rotation_rad: 0.0,
         }
     }
@@ -101,12 +106,14 @@ impl Segment {
         let displacement = PoseF64::from(step.previous_from_robot);
         self.covariance = self.drifted(step);
         self.start_from_end = self.start_from_end.then(displacement);
-        self.travel_m += step.previous_from_robot.position().norm();
+        let way = step.previous_from_robot.position().norm();
+        self.travel_m += way;
+        self.slack_m += if step.undetermined.is_some() { SLACK_UNDETERMINED * way } else { way };
         self.rotation_rad += step.previous_from_robot.heading.abs();
         self.poses.push(SegmentPose {
             stamp: step.stamp,
             start_from_robot: self.start_from_end.to_f32(),
-            travel_m: self.travel_m,
+            slack_m: self.slack_m,
             scan: step.scan,
             is_lost: step.is_lost,
         });

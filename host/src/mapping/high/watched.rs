@@ -14,7 +14,7 @@ pub struct Stretch {
     /// What its end is moved by against its own poses, map frame; spread along its way.
     pub bend: PoseF64,
     /// Length of its way, m.
-    pub travel_m: f32,
+    pub slack_m: f32,
     /// The piece of map that it belongs to.
     pub piece: usize,
 }
@@ -28,7 +28,7 @@ impl HighSlam<'_> {
             let placed = nodes.get(k + 1).copied().unwrap_or(end);
             let bend = PoseF64::new(placed.x - end.x, placed.y - end.y, wrap(placed.heading - end.heading));
             let piece = self.pieces.of_index(k);
-            Stretch { map_from_start: nodes[k], bend, travel_m: segment.travel_m, piece }
+            Stretch { map_from_start: nodes[k], bend, slack_m: segment.slack_m, piece }
         })
     }
 

@@ -1,0 +1,169 @@
+//! What is expected of the robot along an axis that the scene says little about, as in a bare corridor.
+//!
+//! The last step again would be what is left of an error: who set off or stopped where nothing told would stand, or go on, until the corridor
+//! ends. So the speed goes towards that at which the robot usually drives, while it goes straight on and what it sees changes.
+
+use super::change::Change;
+use crate::geometry::{Point2, Pose2};
+use crate::matcher::Match;
+use crate::scan::RangeScan;
+
+/// The scene says little about an axis if the constraint is less than this. Chosen, as all that follow.
+const OPEN_BELOW: f32 = 0.05;
+/// The robot's usual speed is learned from matches that count at least so much along their weakest axis.
+const GAIN_MIN: f32 = 0.5;
+/// A robot is driving if a step is longer than this, m, …
+const DRIVING_M: f32 = 0.02;
+/// … and turns by less than this, rad.
+const STRAIGHT_RAD: f32 = 0.03;
+/// It is this until the robot has driven, m/s …
+const PACE_MPS: f32 = 0.3;
+/// … for so many steps, …
+const STEPS_MIN: f32 = 5.0;
+/// … of which it is the mean then, up to so many.
+const STEPS_MAX: f32 = 50.0;
+/// Share of the way from the last step to the usual one that is gone in a step.
+const TOWARDS_USUAL: f32 = 0.2;
+/// Cosine of the angle to the robot's heading below which it drives along an axis …
+const ALONG: f32 = 0.85;
+/// … and above which it would go sideways, …
+const ACROSS: f32 = 0.5;
+/// … which robots hardly do: share of the last step that is left.
+const SIDEWAYS_LEFT: f32 = 0.7;
+
+/// See the [module](self).
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct OpenAxis {
+    /// Unit vector, robot frame, that points ahead.
+    axis: Option<Point2>,
+    change: Change,
+    /// Step of a robot that drives straight on, where the scene tells it, m.
+    usual_m: f32,
+    /// Learned from so many.
+    steps: f32,
+    /// From scan to scan in the mean.
+    interval_s: f32,
+}
+
+impl OpenAxis {
+    /// Takes the scan that is to be matched next.
+    ///
+    /// * `interval_s` — from scan to scan in the mean
+    pub(super) fn look(&mut self, scan: &RangeScan<'_>, interval_s: f32) {
+        self.interval_s = interval_s;
+        self.change.look(scan);
+    }
+
+    /// Nothing is known of the motion any more.
+    pub(super) fn rest(&mut self) {
+        self.axis = None;
+    }
+
+    /// `step` with what is to be expected along the open axis, if there is one, after the step `last`.
+    pub(super) fn expected(&self, step: Pose2, last: Pose2) -> Pose2 {
+        let Some(axis) = self.axis else { return step };
+        let along = |step: Pose2| axis.x * step.x + axis.y * step.y;
+        let before = along(last);
+        let is_driving = step.heading.abs() < STRAIGHT_RAD && self.change.says_that_it_moves();
+        let expected = if axis.x > ALONG && is_driving {
+            // Who goes backwards by a wrong match does not go on so.
+            let usual = if before < -DRIVING_M { 0.0 } else { self.usual_m(before) };
+            before + TOWARDS_USUAL * (usual - before)
+        } else if axis.x < ACROSS {
+            SIDEWAYS_LEFT * before
+        } else {
+            before
+        };
+        let more = expected - along(step);
+        Pose2 { x: step.x + more * axis.x, y: step.y + more * axis.y, ..step }
+    }
+
+    /// The usual step; as long as it is not known, that of a walk, or the last one if that is longer.
+    fn usual_m(&self, before: f32) -> f32 {
+        if self.steps >= STEPS_MIN { self.usual_m } else { before.max(PACE_MPS * self.interval_s) }
+    }
+
+    /// The robot has gone on by `step`, as `matched` says.
+    pub(super) fn advance(&mut self, step: Pose2, matched: &Match) {
+        let is_told = matched.gain >= GAIN_MIN;
+        if is_told && step.x > DRIVING_M && step.heading.abs() < STRAIGHT_RAD {
+            self.steps = (self.steps + 1.0).min(STEPS_MAX);
+            self.usual_m += (step.x - self.usual_m) / self.steps;
+        }
+        self.axis = (matched.constraint < OPEN_BELOW).then(|| {
+            let turned = Pose2::new(0.0, 0.0, -matched.map_from_robot.heading);
+            let axis = turned.transform(matched.weakest_axis);
+            if axis.x < 0.0 { axis * -1.0 } else { axis }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::{Beam, Echo};
+    use crate::time::{Duration, Instant};
+
+    const AHEAD: Point2 = Point2 { x: 1.0, y: 0.0 };
+
+    /// A robot that has driven 0.1 m a scan where the scene told, and is where it says little about `axis` now; `changes` if its view does.
+    fn after_a_drive(axis: Point2, changes: bool) -> OpenAxis {
+        let mut open = OpenAxis::default();
+        let matched = |constraint, gain| Match { constraint, gain, weakest_axis: axis, ..Match::none(Pose2::IDENTITY) };
+        (0..30).for_each(|_| open.advance(Pose2::new(0.1, 0.0, 0.0), &matched(0.3, 1.0)));
+        for scan in 0..20 {
+            let range_m = 2.0 + if changes { 0.1 * (scan % 2) as f32 } else { 0.0 };
+            let beams = [Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Hit(range_m) }; 32];
+            let stamp = Instant::from_micros(200_000 * scan);
+            open.look(&RangeScan { stamp, range_max_m: 8.0, beams: &beams }, 0.2);
+        }
+        open.advance(Pose2::IDENTITY, &matched(0.01, 0.0));
+        open
+    }
+
+    fn drives(open: &OpenAxis, mut step: Pose2, scans: usize) -> Pose2 {
+        (0..scans).for_each(|_| step = open.expected(step, step));
+        step
+    }
+
+    #[test]
+    fn who_sets_off_in_a_corridor_goes_as_usual() {
+        let step = drives(&after_a_drive(AHEAD, true), Pose2::IDENTITY, 30);
+        assert!((step.x - 0.1).abs() < 0.002 && step.y == 0.0, "{step:?}");
+        let step = drives(&after_a_drive(AHEAD * -1.0, true), Pose2::new(0.3, 0.01, 0.001), 30);
+        assert!((step.x - 0.1).abs() < 0.002 && step.y == 0.01 && step.heading == 0.001, "{step:?}");
+    }
+
+    #[test]
+    fn who_sees_nothing_change_or_turns_goes_on_as_before() {
+        let slow = Pose2::new(0.03, 0.0, 0.0);
+        assert_eq!(drives(&after_a_drive(AHEAD, false), slow, 30), slow);
+        let turning = Pose2::new(0.0, 0.0, 0.1);
+        assert_eq!(drives(&after_a_drive(AHEAD, true), turning, 30), turning);
+    }
+
+    #[test]
+    fn who_has_never_driven_sets_off_at_a_walk() {
+        let open = OpenAxis { steps: 0.0, usual_m: 0.0, ..after_a_drive(AHEAD, true) };
+        let step = drives(&open, Pose2::IDENTITY, 30);
+        assert!((step.x - 0.06).abs() < 0.002, "0.3 m/s, five scans a second: {step:?}");
+        let fast = Pose2::new(0.2, 0.0, 0.0);
+        assert_eq!(drives(&open, fast, 30), fast);
+    }
+
+    #[test]
+    fn nobody_goes_on_sideways_or_backwards() {
+        let step = drives(&after_a_drive(Point2::new(0.0, 1.0), true), Pose2::new(0.0, 0.2, 0.0), 20);
+        assert!(step.y.abs() < 0.001, "{step:?}");
+        let step = drives(&after_a_drive(AHEAD, true), Pose2::new(-0.2, 0.0, 0.0), 5);
+        assert!(step.x > -0.1, "{step:?}");
+    }
+
+    #[test]
+    fn where_the_scene_tells_the_last_step_stays() {
+        let mut open = after_a_drive(AHEAD, true);
+        let step = Pose2::new(0.02, 0.05, 0.0);
+        open.advance(step, &Match { constraint: 0.2, gain: 1.0, ..Match::none(Pose2::IDENTITY) });
+        assert_eq!(open.expected(step, step), step);
+    }
+}
