@@ -25,6 +25,8 @@ use objective::{Objective, Prior, Summit};
 
 /// Most points that `search_points` can ask for.
 const SEARCH_POINTS_MAX: usize = 256;
+/// Some of a scan's points. Lent by whoever needs them: a microcontroller's stack has no room for copies.
+type Chosen = heapless::Vec<Point2, SEARCH_POINTS_MAX>;
 /// Candidates of the search that are polished, best first, each apart from the others. Chosen: the true optimum is among the first
 /// three where a search finds it at all.
 const NEWTON_STARTS: usize = 3;
@@ -285,7 +287,8 @@ impl<'m> ScanMatcher<'m> {
             *gene = clamp(*gene, *low, *high);
         }
         let expected = prediction.score_expected;
-        let chosen = spread(objective.points, *points);
+        let mut chosen = Chosen::new();
+        spread(objective.points, *points, &mut chosen);
         let objective = if chosen.is_empty() { *objective } else { objective.of_some(&chosen) };
         de::minimise(de, &bounds, start, self.population, rng, |genes, limit| {
             let [forward, lateral, rotation] = *genes;
@@ -344,14 +347,12 @@ fn is_apart(a: &[f32; 3], b: &[f32; 3]) -> bool {
     hypot(ax - bx, ay - by) > APART_M || (ah - bh).abs() > APART_RAD
 }
 
-/// So many of the points, spread evenly; none if all are to be looked at.
-fn spread(points: &[Point2], count: u16) -> heapless::Vec<Point2, SEARCH_POINTS_MAX> {
+/// Fills `chosen` with so many of the points, spread evenly; none if all are to be looked at.
+fn spread(points: &[Point2], count: u16, chosen: &mut Chosen) {
     let count = usize::from(count).min(SEARCH_POINTS_MAX);
     let every = if count < points.len() { count } else { 0 };
-    let mut chosen = heapless::Vec::new();
     for point in (0..every).filter_map(|i| points.get(i * points.len() / every)) {
         // There is room for as many as `count` may be.
         let _ = chosen.push(*point);
     }
-    chosen
 }

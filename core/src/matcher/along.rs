@@ -7,7 +7,7 @@
 use nalgebra::Matrix3;
 
 use super::objective::{Objective, Summit};
-use super::{SEARCH_POINTS_MAX, spread};
+use super::{Chosen, SEARCH_POINTS_MAX, spread};
 use crate::geometry::{Point2, Pose2};
 use crate::math::{hypot, sin_cos};
 use crate::ndt::{Linearisation, NdtGrid, SHARP_M};
@@ -38,9 +38,6 @@ const STEP_MIN_M: f32 = 1e-4;
 /// Where the score does not curve downwards its curvature is taken to be this share of what all points together could make it.
 const CURVATURE_SHARE_MIN: f32 = 0.2;
 
-/// Hits that tell something about an axis.
-type Telling = heapless::Vec<Point2, SEARCH_POINTS_MAX>;
-
 /// Where a search has ended.
 pub(super) struct Settled {
     pub(super) pose: Pose2,
@@ -64,7 +61,8 @@ pub(super) fn settle(objective: &Objective<'_, '_>, pose: Pose2) -> Settled {
         let variance_m2 = variance_along(constraint, objective.points.len());
         return Settled { pose, axis, constraint, variance_m2, gain: 1.0 };
     }
-    let telling = telling(objective.ndt, objective.points, pose, axis);
+    let mut telling = Chosen::new();
+    choose_telling(objective.ndt, objective.points, pose, axis, &mut telling);
     // Where much is told the edges hold nobody back; and a laser of few beams sees no more than a few hits anyway.
     let (points, pose) = if constraint >= TELLING_BELOW || telling.len() < TELLING_MIN {
         (objective.points, pose)
@@ -107,17 +105,17 @@ impl Extent {
     const NONE: Self = Self { from: f32::INFINITY, to: f32::NEG_INFINITY };
 }
 
-/// Those of `points` (robot frame; not all of a great many) that tell something about `axis` (map) at `pose`.
+/// Fills `chosen` with those of `points` (robot frame; not all of a great many) that tell something about `axis` (map) at `pose`.
 #[inline(never)]
-fn telling(ndt: &NdtGrid<'_>, points: &[Point2], pose: Pose2, axis: Point2) -> Telling {
-    let mut chosen: Telling = spread(points, SEARCH_POINTS_MAX as u16);
+fn choose_telling(ndt: &NdtGrid<'_>, points: &[Point2], pose: Pose2, axis: Point2, chosen: &mut Chosen) {
+    spread(points, SEARCH_POINTS_MAX as u16, chosen);
     if chosen.is_empty() {
         // `spread` leaves it empty if there is room for all.
         let _ = chosen.extend_from_slice(points);
     }
     // Left and right of the axis.
     let mut walls = [Extent::NONE; 2];
-    for point in &chosen {
+    for point in chosen.iter() {
         let at = Along::new(ndt, *point, pose, axis);
         if at.is_known
             && !at.is_across
@@ -131,7 +129,6 @@ fn telling(ndt: &NdtGrid<'_>, points: &[Point2], pose: Pose2, axis: Point2) -> T
         let wall = walls.get(at.side).copied().unwrap_or(Extent::NONE);
         at.is_across || (wall.from + EDGE_M..=wall.to - EDGE_M).contains(&at.along_m)
     });
-    chosen
 }
 
 /// Where a hit lies, seen along the axis.

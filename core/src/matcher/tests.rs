@@ -119,7 +119,11 @@ fn a_lost_robot_is_found_with_few_points() {
 #[test]
 fn chosen_points_are_spread_over_the_scan() {
     let points: Vec<_> = (0..10).map(|i| Point2::new(i as f32, 0.0)).collect();
-    let chosen = |count| spread(&points, count).iter().map(|point| point.x).collect::<Vec<_>>();
+    let chosen = |count| {
+        let mut chosen = Chosen::new();
+        spread(&points, count, &mut chosen);
+        chosen.iter().map(|point| point.x).collect::<Vec<_>>()
+    };
     assert_eq!(chosen(4), [0.0, 2.0, 5.0, 7.0]);
     assert!([0, 10, 256].iter().all(|count| chosen(*count).is_empty()), "all are looked at");
 }

@@ -34,7 +34,8 @@ fn places(world: &World, x: f32, predicted: f32, seed: u64) -> [f32; 2] {
     let all = points(world, x, 0.1, &mut rng);
     let pose = Pose2::new(predicted, 0.0, 0.0);
     let prior = Prior { predicted: pose, position: 0.15_f32.powi(-2), heading: 1.0 };
-    let telling = telling(&ndt, &all, pose, AHEAD);
+    let mut telling = Chosen::new();
+    choose_telling(&ndt, &all, pose, AHEAD, &mut telling);
     [&all[..], &telling].map(|points| climb(&Objective::new(&ndt, points, prior), pose, AHEAD).pose.x)
 }
 
