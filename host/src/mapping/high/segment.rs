@@ -63,7 +63,7 @@ pub struct SegmentPose {
     pub stamp: Instant,
     /// Pose of the robot, seen from the segment's start.
     pub start_from_robot: Pose2,
-    /// See [`Segment::slack_m`].
+    /// Way from the segment's start, m; that along axes about which the scene said nothing counts several times.
     pub slack_m: f32,
     /// Place of the scan among the stored ones, if it is stored.
     pub scan: Option<u32>,
