@@ -62,9 +62,11 @@ pub(super) fn settle(objective: &Objective<'_, '_>, pose: Pose2) -> Settled {
         return Settled { pose, axis, constraint, variance_m2, gain: 1.0 };
     }
     let mut telling = Chosen::new();
-    choose_telling(objective.ndt, objective.points, pose, axis, &mut telling);
     // Where much is told the edges hold nobody back; and a laser of few beams sees no more than a few hits anyway.
-    let (points, pose) = if constraint >= TELLING_BELOW || telling.len() < TELLING_MIN {
+    if constraint < TELLING_BELOW {
+        choose_telling(objective.ndt, objective.points, pose, axis, &mut telling);
+    }
+    let (points, pose) = if telling.len() < TELLING_MIN {
         (objective.points, pose)
     } else {
         (telling.as_slice(), climb(&Objective { points: &telling, ..*objective }, pose, axis).pose)
