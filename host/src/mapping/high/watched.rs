@@ -13,7 +13,7 @@ pub struct Stretch {
     pub map_from_start: PoseF64,
     /// What its end is moved by against its own poses, map frame; spread along its way.
     pub bend: PoseF64,
-    /// Length of its way, m.
+    /// Way, m, as [`SegmentPose::slack_m`](super::segment::SegmentPose::slack_m) counts it.
     pub slack_m: f32,
     /// The piece of map that it belongs to.
     pub piece: usize,
