@@ -66,6 +66,9 @@ const KEY_ROTATION_DEG: f32 = 2.0;
 const SETTLING_SCANS: u32 = 10;
 /// A place found by a wider search is believed if its score per point is at least this share of the usual one: chosen …
 const FOUND_SHARE: f32 = 0.6;
+/// … as after a time without sight if it has turned by more than this against what was expected, rad: robots that turn faster than that at five
+/// scans a second are rare, and rooms look alike from another side …
+const TURN_MAX_RAD: f32 = 0.8;
 /// … and its score is so many times that of the place where the robot was expected.
 const FOUND_BETTER: f32 = 1.2;
 /// After so long without a scan the robot may be anywhere …
@@ -173,6 +176,8 @@ pub struct LaserOdometry<'m> {
     course: Course,
     last_stamp: Option<Instant>,
     last_interval: Duration,
+    /// When a scan showed something last.
+    seen_at: Option<Instant>,
     /// From scan to scan in the mean, s.
     usual_interval_s: f32,
     score_per_point: f32,
@@ -207,6 +212,7 @@ impl<'m> LaserOdometry<'m> {
             course: Course::default(),
             last_stamp: None,
             last_interval: Duration::ZERO,
+            seen_at: None,
             usual_interval_s: 0.0,
             score_per_point: SCORE_FIRST,
             scans: 0,
@@ -248,13 +254,13 @@ impl<'m> LaserOdometry<'m> {
         displacement: Option<Pose2>,
     ) -> Result<OdometryReport, PointCapacityError> {
         let motion = self.motion_during(scan, displacement);
-        let hits = filter::hits(&Sweep { scan: *scan, robot_from_lrf, motion }, self.hits)?;
-        let count = filter::thin(&self.config.filter, hits, self.points)?.len();
-        let hits = hits.len();
+        let eye = robot_from_lrf.position();
+        let (count, hits) = self.take(&Sweep { scan: *scan, robot_from_lrf, motion })?;
         let is_frozen = self.sight.is_frozen(scan);
         self.doubts |= is_frozen || self.last_stamp.is_some_and(|last| scan.stamp.since(last) > GAP);
-        if sight::is_covered(scan, self.hits.get(..hits).unwrap_or_default(), robot_from_lrf.position()) {
-            self.map_from_robot = self.map_from_robot * self.course.trusted(displacement).unwrap_or_default();
+        if sight::is_covered(scan, self.hits.get(..hits).unwrap_or_default(), eye) {
+            let coasted = self.course.coast(self.usual_interval_s);
+            self.map_from_robot = self.map_from_robot * self.course.trusted(displacement).unwrap_or(coasted);
             return Ok(self.blind_step(scan, count, motion, is_frozen));
         }
         self.course.look(scan, self.usual_interval_s);
@@ -277,6 +283,7 @@ impl<'m> LaserOdometry<'m> {
         let inserted = if is_key { self.extend(taken(), (count, hits)) } else { InsertReport::default() };
         self.go_on(map_from_robot, &forecast, &matched, is_lost);
         self.pass(scan.stamp);
+        self.seen_at = self.last_stamp;
         if !first && is_trusted {
             self.score_per_point += SCORE_SHARE * (matched.score_per_point - self.score_per_point);
         }
@@ -292,6 +299,15 @@ impl<'m> LaserOdometry<'m> {
             inserted,
             motion,
         })
+    }
+
+    /// Takes the hits of the next scan, without those on what covers the laser; returns how many points are left of them, and how many hits.
+    fn take(&mut self, sweep: &Sweep<'_>) -> Result<(usize, usize), PointCapacityError> {
+        let all = filter::hits(sweep, self.hits)?.len();
+        let all = self.hits.get_mut(..all).unwrap_or_default();
+        let hits = sight::look_past_cover(all, sweep.robot_from_lrf.position());
+        let points = filter::thin(&self.config.filter, all.get(..hits).unwrap_or_default(), self.points)?;
+        Ok((points.len(), hits))
     }
 
     /// Where the robot is: where the scan fits, or where odometry that has agreed so far says if it fits nowhere.
@@ -317,7 +333,7 @@ impl<'m> LaserOdometry<'m> {
         self.last_stamp = Some(stamp);
     }
 
-    /// A step by a scan that shows nothing: the robot is where it was, or where odometry says, as far as anybody knows.
+    /// A step by a scan that shows nothing: the robot is where it coasts to, or where odometry says, as far as anybody knows.
     fn blind_step(
         &mut self,
         scan: &RangeScan<'_>,
@@ -325,7 +341,6 @@ impl<'m> LaserOdometry<'m> {
         motion: SweepMotion,
         is_frozen: bool,
     ) -> OdometryReport {
-        self.course.rest();
         self.doubts = true;
         self.pass(scan.stamp);
         OdometryReport {
@@ -352,7 +367,9 @@ impl<'m> LaserOdometry<'m> {
             return matched;
         }
         let wide = self.matcher.align_anywhere(&self.ndt, points, prediction, &self.config.recovery, &mut self.rng);
-        let is_found = wide.score_per_point >= FOUND_SHARE * self.score_per_point;
+        let turned = predicted.between(wide.map_from_robot).heading.abs();
+        let share = if turned > forecast.spread * TURN_MAX_RAD { RETURN_SHARE } else { FOUND_SHARE };
+        let is_found = wide.score_per_point >= share * self.score_per_point;
         if is_found && wide.score > FOUND_BETTER * matched.score { wide } else { matched }
     }
 

@@ -28,6 +28,8 @@ const CAUTION: f32 = 3.0;
 const PRIOR_MIN: f32 = 0.2;
 /// After a step that turns more than this, rad, the robot is expected to stand.
 const STEADY_RAD: f32 = 0.5;
+/// A robot that sees nothing loses its speed in about so long, s: who walks past a laser covers it for less. Chosen.
+const COAST_S: f32 = 2.0;
 
 /// How far predictions have been off, mean squares: m², rad².
 #[derive(Debug, Clone, Copy)]
@@ -104,6 +106,17 @@ impl Course {
         self.open_axis.rest();
     }
 
+    /// The next step of a robot that sees nothing: it goes on as it went, ever slower.
+    ///
+    /// * `interval_s` — from scan to scan in the mean
+    pub(super) fn coast(&mut self, interval_s: f32) -> Pose2 {
+        let left = (1.0 - interval_s / COAST_S).max(0.0);
+        let Pose2 { x, y, heading } = self.step;
+        self.step = Pose2 { x: left * x, y: left * y, heading: left * heading };
+        self.open_axis.rest();
+        self.step
+    }
+
     /// `odometry`, if it has agreed better with the matches so far than steady motion: where scans say nothing, the robot goes on by it.
     pub(super) fn trusted(&self, odometry: Option<Pose2>) -> Option<Pose2> {
         odometry
@@ -144,6 +157,7 @@ impl Course {
 
     /// The robot has gone on by `step`, as `matched` says.
     pub(super) fn advance(&mut self, forecast: &Forecast, step: Pose2, matched: &Match) {
+        let driven = self.open_axis.driven(step, forecast.step);
         self.open_axis.advance(step, matched);
         if matched.constraint >= JUDGED_FROM {
             self.learned = (self.learned + 1.0).min(MEMORY);
@@ -156,7 +170,7 @@ impl Course {
         if step.heading.abs() > STEADY_RAD {
             return self.rest();
         }
-        self.step = step;
+        self.step = driven;
     }
 }
 
@@ -184,6 +198,16 @@ mod tests {
             course.advance(&forecast, step, &sharp());
         }
         (course, forecast)
+    }
+
+    #[test]
+    fn who_sees_nothing_goes_on_ever_slower() {
+        let mut course = Course { step: Pose2::new(0.1, 0.0, 0.02), ..Course::default() };
+        let way: f32 = (0..5).map(|_| course.coast(0.2).x).sum();
+        assert!((0.3..0.5).contains(&way), "{way} m in a second, half a metre at full speed");
+        (0..100).for_each(|_| _ = course.coast(0.2));
+        assert!(course.step().x < 1e-3);
+        assert_eq!(course.coast(3.0), Pose2::IDENTITY, "slower scans than that: at once");
     }
 
     #[test]

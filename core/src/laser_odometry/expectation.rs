@@ -55,7 +55,7 @@ impl LaserOdometry<'_> {
     /// How much farther than usual the robot may be from where it is expected at `stamp`: the slower the scans, the farther. Stamps may
     /// come in bursts, so their mean distance counts as well.
     pub(super) fn spread(&mut self, stamp: Instant) -> f32 {
-        let Some(last) = self.last_stamp else { return 1.0 };
+        let Some(last) = self.seen_at else { return 1.0 };
         let interval_s = stamp.since(last).as_secs_f32().clamp(0.0, INTERVAL_MAX_S);
         let share = INTERVAL_SHARE.max(1.0 / self.scans.max(1) as f32);
         self.usual_interval_s += share * (interval_s - self.usual_interval_s);

@@ -30,7 +30,9 @@ enum Beside {
     Behind,
     /// Something at its distance.
     Level,
-    /// Something nearer, which may hide more of it; the end of the range, or of the scan.
+    /// Nothing that returns a beam, at the end of the range.
+    Nothing,
+    /// Something nearer, which may hide more of it, or the end of the scan.
     Unknown,
 }
 
@@ -91,7 +93,7 @@ impl<'a> Objects<'a> {
             return false;
         }
         let sides = [self.beside(*first, self.before), self.beside(*last, after)];
-        sides.contains(&Beside::Behind) && !sides.contains(&Beside::Level)
+        sides == [Beside::Nothing; 2] || sides.contains(&Beside::Behind) && !sides.contains(&Beside::Level)
     }
 
     /// What is beside `edge`, an object's first or last hit, if `next` is the hit there.
@@ -103,7 +105,8 @@ impl<'a> Objects<'a> {
         let beyond_m = if has_gap { self.taken.farthest_m } else { self.range(next) } - self.range(edge);
         match beyond_m {
             beyond_m if beyond_m > LEVEL_M => Beside::Behind,
-            beyond_m if beyond_m < -LEVEL_M || has_gap => Beside::Unknown,
+            _ if has_gap => Beside::Nothing,
+            beyond_m if beyond_m < -LEVEL_M => Beside::Unknown,
             _ => Beside::Level,
         }
     }
@@ -164,7 +167,8 @@ mod tests {
     #[test]
     fn somebody_in_a_corridor_stands_alone_and_its_walls_do_not() {
         assert_eq!(alone(corridor), []);
-        for x in [1.0, 2.0, 3.0, 4.5] {
+        // The last one stands where the laser's reach ends, and nothing is seen beside him.
+        for x in [1.0, 2.0, 3.0, 4.5, 8.0] {
             let found = alone(|bearing| corridor(bearing).min(person(x, 0.1, bearing)));
             let his = alone(|bearing| person(x, 0.1, bearing));
             assert!(found.len() >= HITS_MIN && found.len() < 40, "{x} m away: {found:?}");

@@ -32,6 +32,28 @@ impl Sight {
     }
 }
 
+/// Moves the hits that cover nothing to the front, in order, and returns how many these are: what stands against the laser and takes half of
+/// its hits, as somebody who walks into the robot, would outvote the little that is seen past it. All hits else.
+///
+/// * `hits` — robot frame, in beam order
+/// * `eye` — the laser, robot frame
+pub(super) fn look_past_cover(hits: &mut [Point2], eye: Point2) -> usize {
+    let is_far = |hit: Point2| (hit - eye).norm() > COVER_M;
+    let far = hits.iter().filter(|hit| is_far(**hit)).count();
+    if far >= hits.len() - far {
+        return hits.len();
+    }
+    let mut kept = 0;
+    for index in 0..hits.len() {
+        let Some(hit) = hits.get(index).copied().filter(|hit| is_far(*hit)) else { continue };
+        if let Some(place) = hits.get_mut(kept) {
+            *place = hit;
+            kept += 1;
+        }
+    }
+    kept
+}
+
 /// True if `scan` shows nothing; `hits` are its hits and `eye` is the laser, robot frame.
 pub(super) fn is_covered(scan: &RangeScan<'_>, hits: &[Point2], eye: Point2) -> bool {
     let far = hits.iter().filter(|hit| (**hit - eye).norm() > COVER_M).count();
@@ -66,6 +88,17 @@ mod tests {
         assert!(is_covered_by(&scan_of(|_| Echo::Hit(0.1))));
         assert!(is_covered_by(&scan_of(|_| Echo::Miss)));
         assert!(!is_covered_by(&scan_of(|i| Echo::Hit(if i % 30 == 0 { 2.0 } else { 0.1 }))));
+    }
+
+    #[test]
+    fn what_stands_against_the_laser_does_not_outvote_the_rest() {
+        let past = |far: usize| {
+            let beams = scan_of(|i| Echo::Hit(if i % 20 < far { 2.0 } else { 0.2 }));
+            let mut hits: std::vec::Vec<Point2> = beams.iter().filter_map(Point2::of_hit).collect();
+            let count = look_past_cover(&mut hits, Point2::default());
+            (count, hits.iter().take(count).all(|hit| hit.norm() > 1.0))
+        };
+        assert_eq!([past(20), past(11), past(9), past(0)], [(180, true), (180, false), (81, true), (0, true)]);
     }
 
     #[test]

@@ -56,11 +56,13 @@ pub(super) fn is_due(step: Pose2) -> bool {
 /// stamps may come in bursts, and scans a millisecond apart say nothing of its speed.
 fn can_wait(taken: &Taken, witnesses: &[KeyScan]) -> bool {
     let way_m = |from: &Taken| from.map_from_robot.between(taken.map_from_robot).position().norm();
-    let taken_then = witnesses.iter().filter(|witness| witness.count > 0).map(|witness| &witness.taken);
-    let behind = taken_then.filter(|then| way_m(then) >= APART_M).max_by_key(|then| then.at);
+    let taken_then = || witnesses.iter().filter(|witness| witness.count > 0).map(|witness| &witness.taken);
+    // Who stands before the laser takes its view, not its reach.
+    let farthest_m = taken_then().fold(taken.farthest_m, |most, then| then.farthest_m.max(most));
+    let behind = taken_then().filter(|then| way_m(then) >= APART_M).max_by_key(|then| then.at);
     behind.is_none_or(|then| {
         let seconds = taken.at.since(then.at).as_secs_f32();
-        seconds <= 0.0 || way_m(then) <= PASSED_SHARE * taken.farthest_m * seconds
+        seconds <= 0.0 || way_m(then) <= PASSED_SHARE * farthest_m * seconds
     })
 }
 
@@ -287,6 +289,11 @@ mod tests {
         let witnesses = [witness(1.0), witness(0.0)];
         let at = |seconds: f32, x| Taken { at: taken_at(seconds).at, ..taken_at(x) };
         assert!(can_wait(&at(1.001, 1.1), &witnesses), "a tenth of a metre in a millisecond");
+        let hemmed_in = Taken { farthest_m: 0.5, ..at(2.0, 2.0) };
+        assert!(
+            can_wait(&hemmed_in, &witnesses),
+            "somebody before the laser takes the view of a robot at 1 m/s, and the witnesses saw 20 m"
+        );
         assert!(!can_wait(&at(1.1, 1.6), &witnesses), "6 m/s, who sees 20 m");
     }
 }
