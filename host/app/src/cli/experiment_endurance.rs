@@ -1,14 +1,14 @@
 //! `lrfslam experiment endurance`: a long log, and what becomes of time, memory and error.
 
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering;
 
 use clap::Args;
 use lrfslam_core::time::Duration;
 
-use super::Failure;
 use super::out::OutArgs;
 use super::shared::{ConfigArgs, LOG, SeedArgs, TRUTH, TellArgs, with_folder};
+use super::{Failure, interrupt_flag};
 use lrfslam_host::output::write_file;
 use lrfslam_host::runs::scans::Scans;
 use lrfslam_host::trajectory::read_trajectory;
@@ -16,7 +16,8 @@ use lrfslam_lab::experiment::{endurance_csv, endurance_markdown, plot_endurance,
 
 /// Does it keep working? Maps a long log once, and tells time, memory and error hour after hour.
 ///
-/// On one thread, as fast as it can. Writes endurance.csv, a line for each stretch, endurance.md and endurance.svg.
+/// On one thread, as fast as it can. Writes endurance.csv, a line for each stretch, endurance.md and endurance.svg; Ctrl-C ends
+/// it early, with those of the stretches so far.
 #[derive(Debug, Args)]
 pub(super) struct EnduranceArgs {
     #[arg(help = LOG)]
@@ -37,9 +38,9 @@ pub(super) struct EnduranceArgs {
 }
 
 pub(super) fn run(args: &EnduranceArgs) -> Result<(), Failure> {
-    static NEVER: AtomicBool = AtomicBool::new(false);
+    let stop = interrupt_flag().map_err(Failure::start)?;
     let config = args.config.load()?;
-    let scans = Scans::open(&args.log, config.log_options(), &NEVER, args.tell.sayer()).map_err(Failure::Start)?;
+    let scans = Scans::open(&args.log, config.log_options(), stop, args.tell.sayer()).map_err(Failure::Start)?;
     let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
     let mut folder = args.out.folder("endurance")?;
     let every = Duration::from_millis(1000 * args.stretch_s);
@@ -55,6 +56,9 @@ pub(super) fn run(args: &EnduranceArgs) -> Result<(), Failure> {
         ));
     });
     let stretches = stretches.map_err(Failure::Work)?;
+    if stop.load(Ordering::Relaxed) {
+        args.tell.say("stopped before the log's end: what follows is of the scans until then");
+    }
     let table = endurance_markdown(&stretches);
     let figure = plot_endurance(&stretches).map_err(Failure::work)?;
     let files =
