@@ -66,15 +66,15 @@ const KEY_ROTATION_DEG: f32 = 2.0;
 const SETTLING_SCANS: u32 = 10;
 /// A place found by a wider search is believed if its score per point is at least this share of the usual one: chosen …
 const FOUND_SHARE: f32 = 0.6;
-/// … as after a time without sight if it has turned by more than this against what was expected, rad: robots that turn faster than that at five
-/// scans a second are rare, and rooms look alike from another side …
-const TURN_MAX_RAD: f32 = 0.8;
 /// … and its score is so many times that of the place where the robot was expected.
 const FOUND_BETTER: f32 = 1.2;
 /// After so long without a scan the robot may be anywhere …
 const GAP: Duration = Duration::from_millis(5000);
 /// … and a place is believed if its score per point is at least this share of the usual one: chosen, as different rooms reach two thirds.
 const RETURN_SHARE: f32 = 0.8;
+/// So is one where the robot has turned by more than this against what was expected, rad, farther where scans are slow. Chosen: robots that turn
+/// faster at five scans a second are rare, and rooms look alike from another side.
+const TURN_MAX_RAD: f32 = 0.8;
 /// While lost the reference is left alone, for this many scans at most: chosen.
 const PATIENCE_SCANS: u16 = 10;
 /// Score per point that the first scans are measured by: chosen.

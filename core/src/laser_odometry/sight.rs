@@ -38,14 +38,13 @@ impl Sight {
 /// * `hits` — robot frame, in beam order
 /// * `eye` — the laser, robot frame
 pub(super) fn look_past_cover(hits: &mut [Point2], eye: Point2) -> usize {
-    let is_far = |hit: Point2| (hit - eye).norm() > COVER_M;
-    let far = hits.iter().filter(|hit| is_far(**hit)).count();
+    let far = count_far(hits, eye);
     if far >= hits.len() - far {
         return hits.len();
     }
     let mut kept = 0;
     for index in 0..hits.len() {
-        let Some(hit) = hits.get(index).copied().filter(|hit| is_far(*hit)) else { continue };
+        let Some(hit) = hits.get(index).copied().filter(|hit| is_far(*hit, eye)) else { continue };
         if let Some(place) = hits.get_mut(kept) {
             *place = hit;
             kept += 1;
@@ -56,8 +55,15 @@ pub(super) fn look_past_cover(hits: &mut [Point2], eye: Point2) -> usize {
 
 /// True if `scan` shows nothing; `hits` are its hits and `eye` is the laser, robot frame.
 pub(super) fn is_covered(scan: &RangeScan<'_>, hits: &[Point2], eye: Point2) -> bool {
-    let far = hits.iter().filter(|hit| (**hit - eye).norm() > COVER_M).count();
-    far < HITS_MIN.max(scan.beams.len() / BEAMS_PER_HIT)
+    count_far(hits, eye) < HITS_MIN.max(scan.beams.len() / BEAMS_PER_HIT)
+}
+
+fn count_far(hits: &[Point2], eye: Point2) -> usize {
+    hits.iter().filter(|hit| is_far(**hit, eye)).count()
+}
+
+fn is_far(hit: Point2, eye: Point2) -> bool {
+    (hit - eye).norm() > COVER_M
 }
 
 fn fingerprint(scan: &RangeScan<'_>) -> u32 {

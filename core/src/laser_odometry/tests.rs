@@ -1,4 +1,5 @@
 use super::*;
+use crate::scan::Echo;
 use crate::test_world::World;
 use crate::time::Instant;
 use core::f32::consts::PI;
@@ -124,6 +125,29 @@ fn a_robot_pushed_aside_finds_itself_again() {
     let error = pushed.between(end);
     assert!(error.position().norm() < 0.05 && error.heading.abs() < 0.02, "{error:?}");
     assert!(!reports.last().unwrap().is_lost);
+}
+
+/// A scan from where the robot would have turned by `turned`, of which every so many-th beam fits nowhere. Returns whether it is believed.
+fn believes(turned: f32, every: usize) -> bool {
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let (from, _) = drive(&mut odometry, (0..=120).map(circle), Pose2::IDENTITY, 2);
+    let there = from * Pose2::new(-1.2, 0.8, turned);
+    let mut beams = World::room().scan(there, 8.0, 0.01, &mut Pcg32::seed_from_u64(3));
+    for (index, beam) in beams.iter_mut().enumerate().filter(|(index, _)| index % every == 0) {
+        beam.echo = Echo::Hit(0.5 + 0.04 * (index % 17) as f32);
+    }
+    let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+    let report = odometry.step(&scan, Pose2::IDENTITY, None).unwrap();
+    let found = there.between(report.matched.map_from_robot);
+    !report.is_lost && found.position().norm() < 0.2 && found.heading.abs() < 0.1
+}
+
+#[test]
+fn a_place_from_another_side_must_fit_better() {
+    assert!(believes(0.6, 5), "three quarters of the usual score");
+    assert!(!believes(1.2, 5), "a robot does not turn so from scan to scan");
+    assert!(believes(1.2, 15), "unless nearly all fits");
 }
 
 #[test]

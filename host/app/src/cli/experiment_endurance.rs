@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
+use anyhow::anyhow;
 use clap::Args;
 use lrfslam_core::time::Duration;
 
@@ -55,10 +56,8 @@ pub(super) fn run(args: &EnduranceArgs) -> Result<(), Failure> {
             stretch.memory_bytes as f64 / 1e6
         ));
     });
-    let stretches = stretches.map_err(Failure::Work)?;
-    if stop.load(Ordering::Relaxed) {
-        args.tell.say("stopped before the log's end: what follows is of the scans until then");
-    }
+    let is_stopped = stop.load(Ordering::Relaxed);
+    let stretches = stretches.map_err(if is_stopped { Failure::Interrupted } else { Failure::Work })?;
     let table = endurance_markdown(&stretches);
     let figure = plot_endurance(&stretches).map_err(Failure::work)?;
     let files =
@@ -66,5 +65,10 @@ pub(super) fn run(args: &EnduranceArgs) -> Result<(), Failure> {
     folder
         .save(|stage| Ok(files.iter().try_for_each(|(name, text)| write_file(&stage.join(name), text.as_bytes()))?))
         .map_err(Failure::Work)?;
-    args.tell.print(&stretches, || with_folder(&table, folder.named()))
+    args.tell.print(&stretches, || with_folder(&table, folder.named()))?;
+    if is_stopped {
+        Err(Failure::Interrupted(anyhow!("stopped before the log's end: the results are of a part")))
+    } else {
+        Ok(())
+    }
 }

@@ -133,6 +133,31 @@ fn ctrl_c_writes_what_was_mapped_and_says_partial() {
     drop(log);
 }
 
+/// What hours have measured is not lost.
+#[test]
+fn ctrl_c_writes_the_stretches_measured_by_then() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth: String = (0..60).map(|second| format!("{second}.0 0 0 0 0 0 0 1\n")).collect();
+    fs::write(folder.path().join("true.tum"), truth).unwrap();
+    let arguments = ["experiment", "endurance", "-", "--truth", "true.tum", "--stretch", "20", "--out", "out"];
+    let mut command = lrfslam(folder.path(), &arguments);
+    let mut child = command.stdin(Stdio::piped()).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let mut log = child.stdin.take().unwrap();
+    log.write_all(log_of(50).as_bytes()).unwrap();
+    std::thread::sleep(Duration::from_millis(2000));
+    interrupt(&child);
+    let done = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8(done.stderr).unwrap();
+    assert!(
+        done.status.code() == Some(130) && stderr.contains("the results are of a part"),
+        "{:?} {stderr}",
+        done.status
+    );
+    let table = fs::read_to_string(folder.path().join("out/endurance.csv")).unwrap();
+    assert_eq!(table.lines().count(), 1 + 3, "{table}");
+    drop(log);
+}
+
 /// The first scans are looked at before the first is mapped; a pipe may say nothing at all.
 #[test]
 fn ctrl_c_is_noticed_however_little_has_come() {
