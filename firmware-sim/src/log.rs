@@ -13,6 +13,7 @@ use lrfslam_core::time::{Duration, Instant};
 use rand_pcg::Pcg32;
 
 use crate::drive::{Drive, FloorPose, LONGEST_S};
+use crate::fault::{FaultLink, FaultPlan};
 use crate::lrf_model::{LrfModel, SimulatedLrf};
 use crate::scenario::Scenario;
 use crate::tilt::Encoder;
@@ -40,6 +41,8 @@ pub struct LogPlan {
     pub pace: Pace,
     /// All beams of a scan leave at once, from where the robot is in the middle of the sweep.
     pub snapshot: bool,
+    /// What goes wrong on the laser's line. A telegram that comes damaged fails its check sum: its scan is missing.
+    pub fault: FaultPlan,
     /// Of all errors.
     pub seed: u64,
 }
@@ -99,6 +102,8 @@ pub struct LogReport {
     pub scans: usize,
     /// Scans of the tilted laser, whether written or not.
     pub tilted: usize,
+    /// Scans that the line lost.
+    pub lost: usize,
     /// Length of the way, m.
     pub way_m: f64,
     /// Time of the last scan, s.
@@ -117,6 +122,7 @@ pub fn write_log(scenario: &Scenario, plan: &LogPlan, files: &mut LogFiles<'_>) 
     let robot_from_lrf = Pose2::new(ahead as f32, left as f32, 0.0);
     let half_sweep = Duration::from_micros(plan.lrf.sweep().micros / 2);
     let mut odometry = Odometry::new(plan.seed);
+    let mut link = FaultLink::new(plan.fault.damage, plan.seed);
     let mut report = LogReport::default();
     writeln!(files.log, "# Simulated drive, {}. The poses are a bad odometry's.", plan.lrf.name)?;
     for start in &times {
@@ -125,6 +131,10 @@ pub fn write_log(scenario: &Scenario, plan: &LogPlan, files: &mut LogFiles<'_>) 
         let pose = scenario.drive().pose(middle);
         report.way_m += odometry.move_to(pose);
         report.seconds = middle.as_secs_f64();
+        if plan.fault.is_unplugged(middle) || !link.passes(middle) {
+            report.lost += 1;
+            continue;
+        }
         let line = scan_line(&plan.lrf, &beams, odometry.pose, robot_from_lrf, middle);
         // A sweep that is tilted only in part is of no use to a map of the plane either.
         let tilt = scenario.drive().tilt();
@@ -238,7 +248,7 @@ mod tests {
          stop = [{ corner = 0, sweep = { to_deg = 30, rate_degps = 30 } }]\n";
 
     fn plan(pace: Pace) -> LogPlan {
-        LogPlan { lrf: LrfModel::LMS200, pace, snapshot: false, seed: 1 }
+        LogPlan { lrf: LrfModel::LMS200, pace, snapshot: false, fault: FaultPlan::default(), seed: 1 }
     }
 
     fn written(plan: &LogPlan) -> Result<(LogReport, [String; 4]), LogError> {
@@ -272,6 +282,19 @@ mod tests {
         assert_ne!(written(&plan(pace)).unwrap().1, written(&LogPlan { seed: 2, ..plan(pace) }).unwrap().1);
         let report = written(&plan(pace)).unwrap().0;
         assert_eq!(report.scans + report.tilted, 12);
+    }
+
+    #[test]
+    fn lost_scans_are_missing_and_the_others_as_they_were() {
+        let pace = Pace::Rate { hz: 20.0, seconds: None };
+        let (whole, [all, ..]) = written(&plan(pace)).unwrap();
+        let fault = FaultPlan::parse("damage=0.05,unplug=6").unwrap();
+        let (holed, [some, truth, ..]) = written(&LogPlan { fault, ..plan(pace) }).unwrap();
+        assert_eq!(holed.scans + holed.tilted + holed.lost, whole.scans + whole.tilted);
+        assert!((30 + 5..30 * 4).contains(&holed.lost), "{} lost of {}", holed.lost, whole.scans);
+        assert_eq!((some.lines().count(), truth.lines().count()), (holed.scans + 1, holed.scans));
+        let all: Vec<&str> = all.lines().collect();
+        assert!(some.lines().all(|line| all.contains(&line)));
     }
 
     #[test]

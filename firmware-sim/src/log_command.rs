@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use flate2::{Compression, GzBuilder, write::GzEncoder};
+use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::log::{LogFiles, LogPlan, Pace, write_log};
 use lrfslam_firmware_sim::lrf_model::{LrfErrors, LrfModel};
 use lrfslam_firmware_sim::scenario::Scenario;
@@ -57,6 +58,10 @@ pub struct LogArgs {
     /// A laser without errors
     #[arg(long, conflicts_with = "noise")]
     perfect: bool,
+    /// What goes wrong on the laser's line, such as damage=0.01,unplug=20: the chance that a scan is lost, seconds from one unplugging
+    /// to the next
+    #[arg(long, default_value = "none", value_parser = FaultPlan::parse)]
+    fault: FaultPlan,
     /// Start of the random numbers: the same seed and input give the same results
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -71,7 +76,7 @@ pub fn run(args: &LogArgs) -> Result<()> {
         Some(count) => Pace::Count(count),
         None => Pace::Rate { hz: args.rate, seconds: args.seconds },
     };
-    let plan = LogPlan { lrf: args.laser()?, pace, snapshot: args.snapshot, seed: args.seed };
+    let plan = LogPlan { lrf: args.laser()?, pace, snapshot: args.snapshot, fault: args.fault, seed: args.seed };
     let truth_name = args.truth.clone().unwrap_or_else(|| beside(&args.out));
     ensure_apart(&args.outputs(&truth_name))?;
     let (mut log, mut truth) = (Output::create(&args.out)?, Output::create(&truth_name)?);
@@ -99,6 +104,9 @@ pub fn run(args: &LogArgs) -> Result<()> {
         report.seconds,
         truth_name.display()
     );
+    if report.lost > 0 {
+        println!("{} scans lost on the line", report.lost);
+    }
     if report.tilted > 0 {
         println!(
             "{} scans of the tilted laser {}",

@@ -2,6 +2,7 @@
 
 use lrfslam_app::config::RunConfig;
 use lrfslam_core::laser_odometry::Reference;
+use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::log::{LogPlan, Pace};
 use lrfslam_firmware_sim::lrf_model::{LrfErrors, LrfModel};
 use lrfslam_firmware_sim::scenario::Scenario;
@@ -13,7 +14,7 @@ use lrfslam_tests::drives::Drive;
 fn drive() -> Drive {
     let scenario = Scenario::load("loop").unwrap().driving_on(&[[29.5, 9.5]]).unwrap();
     let lrf = LrfModel { errors: LrfErrors::gaussian(0.04), ..LrfModel::LMS200 };
-    Drive::new(&scenario, &LogPlan { lrf, pace: Pace::Count(183), snapshot: false, seed: 1 })
+    Drive::new(&scenario, &LogPlan { lrf, pace: Pace::Count(183), snapshot: false, fault: FaultPlan::default(), seed: 1 })
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use lrfslam_core::time::Duration;
+use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::log::{LogFiles, LogPlan, Pace, write_log};
 use lrfslam_firmware_sim::lrf_model::LrfModel;
 use lrfslam_firmware_sim::scenario::Scenario;
@@ -21,7 +22,7 @@ const WORLD: &str = include_str!("../../../examples/tilting.toml");
 fn write_stop(folder: &Path, lrf: LrfModel) -> Scenario {
     let scenario = Scenario::parse(WORLD, "tilting.toml", Path::new("")).unwrap();
     let pace = Pace::Rate { hz: 5.0, seconds: Some(20.0) };
-    let plan = LogPlan { lrf, pace, snapshot: false, seed: 3 };
+    let plan = LogPlan { lrf, pace, snapshot: false, fault: FaultPlan::default(), seed: 3 };
     let mut files: [Vec<u8>; 4] = Default::default();
     let [log, truth, tilted, tilt] = &mut files;
     write_log(&scenario, &plan, &mut LogFiles { log, truth, tilted: Some(tilted), tilt: Some(tilt) }).unwrap();

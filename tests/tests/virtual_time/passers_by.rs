@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use lrfslam_app::config::RunConfig;
+use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::log::{LogPlan, Pace};
 use lrfslam_firmware_sim::lrf_model::LrfModel;
 use lrfslam_firmware_sim::scenario::Scenario;
@@ -29,7 +30,7 @@ fn drive_with(person: &str, rounds: usize) -> Drive {
     let scenario = Scenario::parse(&format!("{floor}\n[[person]]\n{person}\n"), "floor.toml", &worlds).unwrap();
     let scenario = scenario.driving_on(&ROUND.repeat(rounds - 1)).unwrap();
     let pace = Pace::Rate { hz: 5.0, seconds: None };
-    Drive::new(&scenario, &LogPlan { lrf: LrfModel::LMS200, pace, snapshot: false, seed: 1 })
+    Drive::new(&scenario, &LogPlan { lrf: LrfModel::LMS200, pace, snapshot: false, fault: FaultPlan::default(), seed: 1 })
 }
 
 fn check(person: &str, rounds: usize, seeds: &[u64]) {
