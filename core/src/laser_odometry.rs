@@ -6,7 +6,7 @@
 use crate::de::{DeConfig, Member};
 use crate::filter::{self, FilterConfig, PointCapacityError};
 use crate::geometry::{Point2, Pose2};
-use crate::matcher::{Match, MatcherConfig, Prediction, RecoveryConfig, ScanMatcher, SearchConfig};
+use crate::matcher::{Match, MatcherConfig, RecoveryConfig, ScanMatcher, SearchConfig};
 use crate::ndt::{DirectoryEntry, InsertReport, NdtConfig, NdtGrid, NdtMemoryError, NdtTile};
 use crate::random::RandomStream;
 use crate::scan::RangeScan;
@@ -16,6 +16,7 @@ use crate::time::{Duration, Instant};
 mod change;
 mod course;
 mod expectation;
+mod finding;
 #[cfg(feature = "witnesses")]
 mod lone;
 mod open_axis;
@@ -64,17 +65,8 @@ const KEY_DISTANCE_M: f32 = 0.05;
 const KEY_ROTATION_DEG: f32 = 2.0;
 /// The first so many scans all go into the reference: the first one alone is thin and noisy. Chosen.
 const SETTLING_SCANS: u32 = 10;
-/// A place found by a wider search is believed if its score per point is at least this share of the usual one: chosen …
-const FOUND_SHARE: f32 = 0.6;
-/// … and its score is so many times that of the place where the robot was expected.
-const FOUND_BETTER: f32 = 1.2;
-/// After so long without a scan the robot may be anywhere …
+/// After so long without a scan that shows anything the robot may be anywhere.
 const GAP: Duration = Duration::from_millis(5000);
-/// … and a place is believed if its score per point is at least this share of the usual one: chosen, as different rooms reach two thirds.
-const RETURN_SHARE: f32 = 0.8;
-/// So is one where the robot has turned by more than this against what was expected, rad, farther where scans are slow. Chosen: robots that turn
-/// faster at five scans a second are rare, and rooms look alike from another side.
-const TURN_MAX_RAD: f32 = 0.8;
 /// While lost the reference is left alone, for this many scans at most: chosen.
 const PATIENCE_SCANS: u16 = 10;
 /// Score per point that the first scans are measured by: chosen.
@@ -186,6 +178,8 @@ pub struct LaserOdometry<'m> {
     sight: Sight,
     /// Nobody knows whether the robot is still where it was.
     doubts: bool,
+    /// Somebody else tells where it is then.
+    is_told: bool,
 }
 
 impl<'m> LaserOdometry<'m> {
@@ -219,6 +213,7 @@ impl<'m> LaserOdometry<'m> {
             lost_scans: 0,
             sight: Sight::default(),
             doubts: false,
+            is_told: false,
         })
     }
 
@@ -341,7 +336,7 @@ impl<'m> LaserOdometry<'m> {
         motion: SweepMotion,
         is_frozen: bool,
     ) -> OdometryReport {
-        self.doubts = true;
+        self.doubts |= self.seen_at.is_some_and(|seen| scan.stamp.since(seen) > GAP);
         self.pass(scan.stamp);
         OdometryReport {
             matched: Match::none(self.map_from_robot),
@@ -354,30 +349,6 @@ impl<'m> LaserOdometry<'m> {
             inserted: InsertReport::default(),
             motion,
         }
-    }
-
-    /// Matches the current points, with a wider search if the robot is not where it was expected.
-    fn find(&mut self, count: usize, predicted: Pose2, forecast: &Forecast) -> Match {
-        let score_expected = self.score_per_point * count as f32;
-        let prediction =
-            &Prediction { map_from_robot: predicted, score_expected, spread: forecast.spread, prior: forecast.prior };
-        let points = self.points.get(..count).unwrap_or_default();
-        let matched = self.matcher.align(&self.ndt, points, prediction, &mut self.rng);
-        if matched.score_per_point >= self.lost_below() {
-            return matched;
-        }
-        let wide = self.matcher.align_anywhere(&self.ndt, points, prediction, &self.config.recovery, &mut self.rng);
-        let turned = predicted.between(wide.map_from_robot).heading.abs();
-        let share = if turned > forecast.spread * TURN_MAX_RAD { RETURN_SHARE } else { FOUND_SHARE };
-        let is_found = wide.score_per_point >= share * self.score_per_point;
-        if is_found && wide.score > FOUND_BETTER * matched.score { wide } else { matched }
-    }
-
-    /// Score per point below which a scan is lost: after a while without sight the robot may be anywhere, and half a fit is none.
-    fn lost_below(&self) -> f32 {
-        let RecoveryConfig { lost_share, .. } = self.config.recovery;
-        let share = if self.doubts && lost_share > 0.0 { lost_share.max(RETURN_SHARE) } else { lost_share };
-        share * self.score_per_point
     }
 
     fn is_key(&self, map_from_robot: Pose2) -> bool {

@@ -162,6 +162,11 @@ impl<'m, const SIDE: usize> Slam<'m, SIDE> {
         &self.odometry
     }
 
+    /// Somebody else finds a robot that may be anywhere; see [`LaserOdometry::leave_returns`].
+    pub fn leave_returns(&mut self) {
+        self.odometry.leave_returns();
+    }
+
     /// The particles' maps, to let go and take back tiles.
     pub fn map_mut(&mut self) -> &mut DistributedMap<'m, SIDE> {
         self.filter.map_mut()

@@ -32,6 +32,8 @@ pub struct Mapped {
     pub path: Vec<TimedPose>,
     /// The path over the true one.
     pub report: TruthReport,
+    /// The same of the poses that the run believes.
+    pub believed: TruthReport,
     /// What the high level did; nothing if there is none.
     pub counts: Option<HighCounts>,
 }
@@ -69,7 +71,9 @@ impl Drive {
             run.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or_default(), None).expect("the scan fits");
         }
         let path = run.trajectory();
-        let report = evaluate_truth(&path, &self.truth, TOLERANCE, STRETCH_M).expect("the path has the log's times");
-        Mapped { path, report, counts: run.high_counts() }
+        let judge = |path: &[TimedPose]| evaluate_truth(path, &self.truth, TOLERANCE, STRETCH_M);
+        let report = judge(&path).expect("the path has the log's times");
+        let believed = judge(&run.trusted_trajectory()).expect("the first pose is believed");
+        Mapped { path, report, believed, counts: run.high_counts() }
     }
 }

@@ -150,6 +150,35 @@ fn a_place_from_another_side_must_fit_better() {
     assert!(believes(1.2, 15), "unless nearly all fits");
 }
 
+/// Somebody covers the laser for so long, and stands in nearly half of its view then. Returns whether the robot is lost.
+fn is_lost_after(covered_ms: i64) -> bool {
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let mut rng = Pcg32::seed_from_u64(3);
+    let mut step = |at: i64, pose: Pose2, beside: core::ops::Range<usize>, beside_m: f32| {
+        let mut beams = World::room().scan(pose, 8.0, 0.01, &mut rng);
+        beams.get_mut(beside).unwrap().iter_mut().for_each(|beam| beam.echo = Echo::Hit(beside_m));
+        let scan = RangeScan { stamp: Instant::from_micros(1000 * at), range_max_m: 8.0, beams: &beams };
+        odometry.step(&scan, Pose2::IDENTITY, None).unwrap()
+    };
+    let drive: Vec<Pose2> = (0..=120).map(circle).collect();
+    let stops = *drive.last().unwrap();
+    for (scan, pose) in drive.into_iter().enumerate() {
+        assert!(!step(200 * scan as i64, pose, 0..0, 0.0).is_lost);
+    }
+    let covered = (1..=covered_ms / 200).map(|scan| 200 * (120 + scan)).collect::<Vec<_>>();
+    for at in &covered {
+        assert!(step(*at, stops, 0..181, 0.1).is_blind);
+    }
+    step(covered.last().unwrap() + 200, stops, 50..130, 1.2).is_lost
+}
+
+#[test]
+fn a_robot_that_was_covered_for_a_moment_is_still_about_there() {
+    assert!(!is_lost_after(600), "a good half of a scan is enough near where it was");
+    assert!(is_lost_after(8000), "and too few where it may be anywhere");
+}
+
 #[test]
 fn odometry_given_is_the_prediction() {
     let mut memory = Memory::new(2000);

@@ -87,6 +87,14 @@ impl<'m> Mapper<'m> {
         Ok(Self { engine, last_odometry: None, newest: Newest::default(), counts: MatchCounts::default() })
     }
 
+    /// A lost robot begins a new piece of map, and metres of way tell where that lies.
+    pub fn leave_returns(&mut self) {
+        match &mut self.engine {
+            Engine::Matcher(matcher) => matcher.leave_returns(),
+            Engine::DpSlam(engine) => engine.slam.leave_returns(),
+        }
+    }
+
     /// Takes the next scan.
     ///
     /// * `robot_from_lrf` — where the laser sits on the robot

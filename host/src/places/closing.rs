@@ -222,9 +222,9 @@ impl Closer {
         vec![self.waiting.remove(index), closure]
     }
 
-    /// What waited for longer than a few segments before `node` waits no more.
-    pub fn forget_before(&mut self, node: usize) {
-        self.waiting.retain(|closure| closure.newer >= node);
+    /// Those of the waiting closures that are not `worth` it wait no more.
+    pub fn keep_waiting(&mut self, worth: impl Fn(&Closure) -> bool) {
+        self.waiting.retain(worth);
     }
 }
 

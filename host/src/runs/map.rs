@@ -106,7 +106,11 @@ impl<'m> MapRun<'m> {
         let RunMemory { mapper, high } = memory;
         let particles = config.high_particles().zip(high.as_mut());
         let particles = particles.map(|(filter, pools)| HighParticles::new(&filter, seed, pools)).transpose()?;
-        Ok(Self::with(config, seed, particles, Mapper::new(&config.slam, seed, mapper)?))
+        let mut run = Self::with(config, seed, particles, Mapper::new(&config.slam, seed, mapper)?);
+        if run.high.as_ref().is_some_and(HighSlam::has_pieces) {
+            run.low.leave_returns();
+        }
+        Ok(run)
     }
 
     /// Maps one scan. A scan that cannot be believed is not drawn.

@@ -14,7 +14,10 @@ use lrfslam_tests::drives::Drive;
 fn drive() -> Drive {
     let scenario = Scenario::load("loop").unwrap().driving_on(&[[29.5, 9.5]]).unwrap();
     let lrf = LrfModel { errors: LrfErrors::gaussian(0.04), ..LrfModel::LMS200 };
-    Drive::new(&scenario, &LogPlan { lrf, pace: Pace::Count(183), snapshot: false, fault: FaultPlan::default(), seed: 1 })
+    Drive::new(
+        &scenario,
+        &LogPlan { lrf, pace: Pace::Count(183), snapshot: false, fault: FaultPlan::default(), seed: 1 },
+    )
 }
 
 #[test]

@@ -164,7 +164,7 @@ impl<'m> HighSlam<'m> {
     }
 
     /// True if a lost robot begins a new piece of map.
-    fn has_pieces(&self) -> bool {
+    pub fn has_pieces(&self) -> bool {
         self.config.high.feedback && self.config.closure.enabled && self.particles.is_none()
     }
 
@@ -251,7 +251,8 @@ impl<'m> HighSlam<'m> {
 
     /// Looks for older places that the segment that starts at node `newer` came back to; true if the graph has new closures.
     fn close_loops(&mut self, newer: usize) -> bool {
-        self.closer.forget_before(newer.saturating_sub(WAITING_SEGMENTS));
+        let (oldest, pieces) = (newer.saturating_sub(WAITING_SEGMENTS), &self.pieces);
+        self.closer.keep_waiting(|closure| closure.newer >= oldest || !pieces.are_one(closure.older, closure.newer));
         let candidates = self.candidates(newer, &reach_from(&self.graph, newer));
         if candidates.is_empty() {
             return false;

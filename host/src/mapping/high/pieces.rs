@@ -2,7 +2,7 @@
 //!
 //! Scans that fit nowhere, one after the other → the robot is lost → it goes on in a new piece, with an empty map → after each segment the
 //! piece's latest way is searched for in the other pieces, over all positions and headings, as strictly as loops are closed → two
-//! searches that agree join the pieces. Until then neither is drawn over the other: the map is the first large piece.
+//! searches that agree, however far apart, join the pieces. Until then neither is drawn over the other: the map is the first large piece.
 
 use lrfslam_core::geometry::{Point2, Pose2};
 
@@ -37,6 +37,17 @@ pub(super) struct Pieces {
     lost_scans: usize,
     /// Scans in a row that fit nowhere or are frozen: of which nobody knows where they were taken, if the robot is lost after them.
     doubted: usize,
+    /// What was searched last.
+    drawn: Vec<PieceWalls>,
+}
+
+/// The walls of a piece, for the search in it. Drawing them takes longer than a search, and most pieces stay as they are.
+#[derive(Debug)]
+struct PieceWalls {
+    /// What they are drawn from.
+    scans: Vec<(Pose2, u32)>,
+    walls: Submap,
+    grid: CorrelationGrid,
 }
 
 impl Pieces {
@@ -47,12 +58,17 @@ impl Pieces {
             let (keep, go) = (of_node[edge.from].min(of_node[edge.to]), of_node[edge.from].max(of_node[edge.to]));
             of_node.iter_mut().filter(|piece| **piece == go).for_each(|piece| *piece = keep);
         }
-        Self { of_node, lost_scans: 0, doubted: 0 }
+        Self { of_node, ..Self::default() }
     }
 
     /// The piece that node or segment `index` belongs to.
     pub(super) fn of_index(&self, index: usize) -> usize {
         self.of_node[index]
+    }
+
+    /// True if both belong to one piece.
+    pub(super) fn are_one(&self, a: usize, b: usize) -> bool {
+        self.of_node[a] == self.of_node[b]
     }
 
     /// The next node belongs to the piece of node `like`.
@@ -131,16 +147,25 @@ impl HighSlam<'_> {
         let others = lengths.iter().filter(|(piece, length)| *piece != own && *length >= PLACE_TRAVEL_MIN_M);
         let others: Vec<usize> = others.take(PLACES_MAX).map(|(piece, _)| *piece).collect();
         if others.is_empty() {
+            self.pieces.drawn.clear();
             return false;
         }
         let (_, query) = self.latest_way(newer);
+        let mut known = std::mem::take(&mut self.pieces.drawn);
         for other in others {
-            let Some(closure) = self.find_piece(&query, newer, other) else { continue };
+            let Some(place) = self.walls_of(other, &mut known) else { continue };
+            let closure = self.find_piece(&query, newer, other, &place);
+            self.pieces.drawn.push(place);
+            let Some(closure) = closure else { continue };
             self.counts.closures_found += 1;
             let found = self.closer.confirmed(closure, self.graph.nodes());
             if !found.is_empty() {
                 self.bring_together(&closure);
-                found.iter().for_each(|closure| self.graph.add_edge(closure.edge()));
+                // One that waited for long may name a node that is not solved for any more.
+                let hung = self.hung_nodes();
+                let solved =
+                    found.iter().filter(|closure| !hung.contains(&closure.newer) && !hung.contains(&closure.older));
+                solved.for_each(|closure| self.graph.add_edge(closure.edge()));
                 self.pieces.join(own, other);
                 return true;
             }
@@ -148,11 +173,20 @@ impl HighSlam<'_> {
         false
     }
 
-    fn find_piece(&mut self, query: &Submap, newer: usize, other: usize) -> Option<Closure> {
-        let walls = Submap::new(self.scans_of_piece(other, WALLS_APART), &self.scans, self.config.closure.range_max_m);
+    /// The walls of piece `other`: those `known` if they are still right, which are taken out of there.
+    fn walls_of(&self, other: usize, known: &mut Vec<PieceWalls>) -> Option<PieceWalls> {
+        let scans: Vec<_> = self.scans_of_piece(other, WALLS_APART).collect();
+        if let Some(at) = known.iter().position(|place| place.scans == scans) {
+            return Some(known.swap_remove(at));
+        }
+        let walls = Submap::new(scans.iter().copied(), &self.scans, self.config.closure.range_max_m);
         let grid = CorrelationGrid::new(walls.points())?;
-        let window = SearchWindow::about(walls.points());
-        let found = self.closer.find_on(&grid, query, &walls, &window, EFFORT)?;
+        Some(PieceWalls { scans, walls, grid })
+    }
+
+    fn find_piece(&mut self, query: &Submap, newer: usize, other: usize, place: &PieceWalls) -> Option<Closure> {
+        let window = SearchWindow::about(place.walls.points());
+        let found = self.closer.find_on(&place.grid, query, &place.walls, &window, EFFORT)?;
         let there = PoseF64::from(found.pose);
         let nodes = self.graph.nodes();
         let distance = |node: &usize| nodes[*node].between(there).distance_m();
