@@ -301,6 +301,7 @@ impl<'m> LaserOdometry<'m> {
         let all = filter::hits(sweep, self.hits)?.len();
         let all = self.hits.get_mut(..all).unwrap_or_default();
         let hits = sight::look_past_cover(all, sweep.robot_from_lrf.position());
+        self.sight.is_half_covered = hits < all.len();
         let points = filter::thin(&self.config.filter, all.get(..hits).unwrap_or_default(), self.points)?;
         Ok((points.len(), hits))
     }

@@ -33,7 +33,9 @@ impl LaserOdometry<'_> {
             &Prediction { map_from_robot: predicted, score_expected, spread: forecast.spread, prior: forecast.prior };
         let points = self.points.get(..count).unwrap_or_default();
         let matched = self.matcher.align(&self.ndt, points, prediction, &mut self.rng);
-        if matched.score_per_point >= self.lost_below() || (self.doubts && self.is_told) {
+        let is_fit = matched.score_per_point >= self.lost_below();
+        // What is left beside somebody who stands against the laser fits in too many places.
+        if is_fit || (self.doubts && self.is_told) || self.sight.is_half_covered {
             return matched;
         }
         let wide = self.matcher.align_anywhere(&self.ndt, points, prediction, &self.config.recovery, &mut self.rng);

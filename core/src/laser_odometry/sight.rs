@@ -18,6 +18,8 @@ const FNV_PRIME: u32 = 0x0100_0193;
 /// What is known of the scans before.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Sight {
+    /// Hits on what stands against the laser were left out of the last scan, and they were half of it or more.
+    pub(super) is_half_covered: bool,
     last: u32,
     repeats: u16,
 }

@@ -180,6 +180,24 @@ fn a_robot_that_was_covered_for_a_moment_is_still_about_there() {
 }
 
 #[test]
+fn a_few_hits_beside_a_cover_do_not_say_that_the_robot_is_elsewhere() {
+    for first in 0..15 {
+        let mut memory = Memory::new(2000);
+        let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+        let (from, _) = drive(&mut odometry, (0..=120).map(circle), Pose2::IDENTITY, 2);
+        let mut beams = World::room().scan(from * Pose2::new(0.3, 0.0, 0.6), 8.0, 0.01, &mut Pcg32::seed_from_u64(3));
+        let seen = 12 * first..12 * first + 10;
+        for (_, beam) in beams.iter_mut().enumerate().filter(|(index, _)| !seen.contains(index)) {
+            beam.echo = Echo::Hit(0.2);
+        }
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+        let report = odometry.step(&scan, Pose2::IDENTITY, None).unwrap();
+        let moved = report.predicted.between(report.matched.map_from_robot);
+        assert!(moved.heading.abs() < 0.7 && moved.position().norm() < 1.1, "{first}: {moved:?}");
+    }
+}
+
+#[test]
 fn odometry_given_is_the_prediction() {
     let mut memory = Memory::new(2000);
     let mut odometry = memory.odometry(&LaserOdometryConfig::default());
