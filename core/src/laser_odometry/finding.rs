@@ -20,7 +20,7 @@ const RETURN_SHARE: f32 = 0.8;
 const TURN_MAX_RAD: f32 = 0.8;
 
 impl LaserOdometry<'_> {
-    /// Somebody else finds a robot that may be anywhere, by more than one scan: after [a time without sight](super::GAP) none alone says that it
+    /// Somebody else finds a robot that may be anywhere, by more than one scan: after 5 s without sight none alone says that it
     /// is elsewhere. Without that the wider search is believed then, too.
     pub fn leave_returns(&mut self) {
         self.is_told = true;
