@@ -115,6 +115,31 @@ impl Edge {
     }
 }
 
+/// The way that led through a node, led past it; `None` if it is no plain part of a way.
+///
+/// * `held` — the node as seen from the older one that it will hang on
+/// * `of_way` — its edges, without closures
+fn way_round(held: &Edge, of_way: &[Edge]) -> Option<Vec<Edge>> {
+    let node = held.to;
+    // On what comes before it on new ground it would hang in the air.
+    let is_from_new = |edge: &Edge| edge.from + 1 == node;
+    let is_held_by = |edge: &Edge| is_from_new(edge) && held.from >= edge.from;
+    match *of_way {
+        [to, from] | [from, to] if to.to == node && from.from == node && !is_held_by(&to) => {
+            // Where the way comes from new ground, that is tied to the old here. One that comes from old ground came from where the last node hung.
+            let back = is_from_new(&to).then(|| held.followed_by(&to.reversed()));
+            Some([held.followed_by(&from)].into_iter().chain(back).collect())
+        }
+        // What comes next hangs already, so both edges come here from older nodes.
+        [a, b] if a.to == node && b.to == node && !is_held_by(&a) && !is_held_by(&b) => {
+            let (older, newer) = if a.from < b.from { (a, b) } else { (b, a) };
+            let is_one = older.from == newer.from;
+            Some(if is_one { Vec::new() } else { vec![older.followed_by(&newer.reversed())] })
+        }
+        _ => None,
+    }
+}
+
 impl PoseGraph {
     /// Adds a node where it is thought to be, and returns its index.
     pub fn add_node(&mut self, pose: PoseF64) -> usize {
@@ -157,31 +182,17 @@ impl PoseGraph {
     pub fn hang(&mut self, node: usize, on: usize, information: Matrix3<f64>) -> bool {
         let at = |index: &usize| [self.edges[*index].from, self.edges[*index].to].contains(&node);
         let of_node: Vec<usize> = (0..self.edges.len()).filter(at).collect();
-        let of_way: Vec<&Edge> =
-            of_node.iter().map(|&index| &self.edges[index]).filter(|edge| !edge.is_closure).collect();
-        let held = Edge {
-            from: on,
-            to: node,
-            from_to: self.nodes[on].between(self.nodes[node]),
-            information,
-            is_closure: false,
-        };
-        let (to, from) = match of_way[..] {
-            [a, b] | [b, a] if a.to == node && b.from == node => (*a, *b),
-            _ => return false,
-        };
-        let is_from_new = to.from + 1 == to.to;
-        let is_older = on < node && !(is_from_new && on >= to.from);
-        if !is_older || of_way.iter().any(|edge| edge.is_break() || edge.is_hanging()) {
+        let of_way: Vec<Edge> =
+            of_node.iter().map(|&index| self.edges[index]).filter(|edge| !edge.is_closure).collect();
+        if on >= node || of_way.iter().any(|edge| edge.is_break() || edge.is_hanging()) {
             return false;
         }
+        let from_to = self.nodes[on].between(self.nodes[node]);
+        let held = Edge { from: on, to: node, from_to, information, is_closure: false };
+        let Some(led) = way_round(&held, &of_way) else { return false };
         self.remove_edges(&of_node);
+        self.edges.extend(led);
         let from_to = self.nodes[node].between(self.nodes[on]);
-        self.edges.push(held.followed_by(&from));
-        // Where the way comes from new ground, that is tied to the old here. One that comes from old ground came from where the last node hung.
-        if is_from_new {
-            self.edges.push(held.followed_by(&to.reversed()));
-        }
         self.edges.push(Edge { from: node, to: on, from_to, information, is_closure: false });
         true
     }

@@ -1,9 +1,13 @@
 //! What the particle filter did, step by step: `steps.csv`, and its summary for `run.json`.
 
 use std::fmt::Write as _;
+use std::io::{Read as _, Write as _};
 use std::path::Path;
 use std::time::Duration as WallDuration;
 
+use flate2::Compression;
+use flate2::read::DeflateDecoder;
+use flate2::write::DeflateEncoder;
 use lrfslam_core::low_slam::FilterReport;
 use lrfslam_core::time::Instant;
 use serde::Serialize;
@@ -13,6 +17,9 @@ use crate::output::save_file;
 
 const HEADER: &str = "scan,stamp_s,effective_sample_size,particles,resampled,nodes,depth,tiles,dropped,squares_left_out,\
                       rays_cut,matching_us,weighing_us,printing_us\n";
+
+/// Bytes of lines that are packed together: a robot that drives for a day has 30 MB of them.
+const PACKED: usize = 1 << 16;
 
 /// Over a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
@@ -46,7 +53,12 @@ pub struct ParticleSummary {
 /// See the [module](self).
 #[derive(Debug, Default)]
 pub struct StepTable {
+    /// The newest lines; …
     text: String,
+    /// … the older ones, packed, …
+    packed: Vec<u8>,
+    /// … and where each of the packs ends.
+    ends: Vec<usize>,
     sums: ParticleSummary,
 }
 
@@ -72,6 +84,9 @@ impl StepTable {
             micros(times.weighing),
             micros(times.printing),
         );
+        if self.text.len() >= PACKED {
+            self.pack();
+        }
         let sums = &mut self.sums;
         sums.steps += 1;
         sums.particles_mean += step.particles as f64;
@@ -85,6 +100,15 @@ impl StepTable {
         sums.matching_s += times.matching.as_secs_f64();
         sums.weighing_s += times.weighing.as_secs_f64();
         sums.printing_s += times.printing.as_secs_f64();
+    }
+
+    fn pack(&mut self) {
+        let mut encoder = DeflateEncoder::new(&mut self.packed, Compression::default());
+        // Writing to memory cannot fail.
+        let _ = encoder.write_all(self.text.as_bytes()).and_then(|()| encoder.try_finish());
+        drop(encoder);
+        self.ends.push(self.packed.len());
+        self.text.clear();
     }
 
     /// `None` if there was no step.
@@ -105,7 +129,39 @@ impl StepTable {
         if self.sums.steps == 0 {
             return Ok(());
         }
-        let text = format!("{HEADER}{}", self.text);
+        let mut text = String::from(HEADER);
+        let mut begin = 0;
+        for &end in &self.ends {
+            DeflateDecoder::new(self.packed.get(begin..end).unwrap_or_default()).read_to_string(&mut text)?;
+            begin = end;
+        }
+        text.push_str(&self.text);
         save_file(file, text.as_bytes())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_lines_are_written_those_that_were_packed_with_them() {
+        let mut table = StepTable::default();
+        let (step, times) = (FilterReport::default(), StageTimes::default());
+        for scan in 0..5000 {
+            table.add(Instant::from_micros(200_000 * scan), scan as usize, &step, &times);
+        }
+        assert!(table.ends.len() >= 2 && table.packed.len() < 40_000, "{} in {:?}", table.packed.len(), table.ends);
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("steps.csv");
+        table.write(&file).unwrap();
+        let text = std::fs::read_to_string(&file).unwrap();
+        let mut lines = text.lines();
+        assert_eq!(lines.next().map(|line| format!("{line}\n")).as_deref(), Some(HEADER));
+        for scan in 0..5000 {
+            let begin = format!("{scan},{:.6},", 0.2 * f64::from(scan));
+            assert!(lines.next().is_some_and(|line| line.starts_with(&begin)), "{begin}");
+        }
+        assert_eq!(lines.next(), None);
     }
 }

@@ -4,8 +4,8 @@
 //! # Criterion
 //! A scan tells nothing new if it was taken within [`NEAR_M`] and [`NEAR_DEG`] of scans of [`VISITS`] earlier visits, whose places the graph
 //! is as sure of as the low level's map asks. A segment all of whose scans are such is known. Once it is a few segments old, the nodes between
-//! known segments that closures tie to older ground leave the graph and [hang](crate::places::pose_graph::PoseGraph::hang) on the nearest node of
-//! an earlier visit.
+//! known segments that closures tie to older ground, or whose neighbours do so, leave the graph and
+//! [hang](crate::places::pose_graph::PoseGraph::hang) on the nearest node of an earlier visit.
 //! A place of a plane and a direction holds no more than that many visits, so the graph is bounded by the area.
 //!
 //! # What changes in a building
@@ -42,12 +42,23 @@ const HANGING_SIGMA_M: f64 = 0.05;
 const HANGING_SIGMA_DEG: f64 = 0.3;
 
 impl HighSlam<'_> {
-    /// After a segment was added: the one that has just become a few segments old goes from the graph if it is known.
+    /// After a segment was added: the one that has just become a few segments old goes from the graph if it is known, and so does one of
+    /// those that were not then. A robot that was lost, or held up by people, knows only later where it was.
     pub(super) fn let_known_ground_go(&mut self) {
         // Closures that wait for a second one name the segments after that.
         let Some(segment) = self.segments.len().checked_sub(WAITING_SEGMENTS + 2).filter(|segment| *segment > 0) else {
             return;
         };
+        self.let_go_if_known(segment);
+        let hung = self.hung_nodes();
+        let left: Vec<usize> = (1..segment).filter(|node| !hung.contains(node)).collect();
+        // In turns, for the first visits stay for good.
+        if let Some(&again) = left.get(segment % left.len().max(1)) {
+            self.let_go_if_known(again);
+        }
+    }
+
+    fn let_go_if_known(&mut self, segment: usize) {
         let reached = reach_from(&self.graph, segment);
         let mapped = self.mapped_segments(segment, &reached);
         if self.is_known(segment, &mapped, VISITS) && self.is_known(segment - 1, &mapped, VISITS) {
@@ -89,8 +100,11 @@ impl HighSlam<'_> {
     }
 
     fn hang(&mut self, node: usize, mapped: &[usize]) {
-        let is_tied = |edge: &Edge| edge.is_closure && [edge.from, edge.to].contains(&node);
-        if !self.graph.edges().iter().any(is_tied) {
+        let mut edges = self.graph.edges().iter().filter(|edge| [edge.from, edge.to].contains(&node));
+        let is_tied = edges.clone().any(|edge| edge.is_closure);
+        // What comes before and after it hangs.
+        let is_between = edges.all(|edge: &Edge| edge.to == node && edge.from + 1 != node);
+        if !is_tied && !is_between {
             return;
         }
         let nodes = self.graph.nodes();

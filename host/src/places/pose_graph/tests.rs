@@ -120,6 +120,32 @@ fn nodes_that_hang_leave_the_solution_of_the_others_as_it_was() {
     assert!(off.distance_m() < 1e-9 && off.heading.abs() < 1e-9, "{off:?}");
 }
 
+/// What is known only later hangs as well, whatever hangs about it already.
+#[test]
+fn nodes_hang_in_any_order() {
+    let (truth, mut whole) = drifted_square(3);
+    for (from, to) in [(0, 39), (2, 38), (10, 30)] {
+        whole.add_edge(closure(from, to, truth[from].between(truth[to])));
+    }
+    whole.solve();
+    let further = closure(5, 35, truth[5].between(truth[35]));
+    for order in [[15, 16, 17], [15, 17, 16], [17, 15, 16], [17, 16, 15]] {
+        let (mut all, mut less) = (whole.clone(), whole.clone());
+        for node in order {
+            assert!(less.hang(node, 10, information(0.05, 0.005)), "{node} of {order:?}");
+        }
+        assert_eq!(less.edges().iter().filter(|edge| edge.is_hanging()).count(), 3);
+        for graph in [&mut all, &mut less] {
+            graph.add_edge(further);
+            graph.solve();
+        }
+        for node in (0..=40).filter(|node| !(15..=17).contains(node)) {
+            let off = all.nodes()[node].between(less.nodes()[node]);
+            assert!(off.distance_m() < 5e-3 && off.heading.abs() < 3e-3, "{order:?}, {node}: {off:?}");
+        }
+    }
+}
+
 #[test]
 fn what_is_no_plain_part_of_a_way_does_not_hang() {
     let (_, mut graph) = drifted_square(3);
