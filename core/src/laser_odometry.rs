@@ -265,7 +265,7 @@ impl<'m> LaserOdometry<'m> {
         if first {
             (self.scans, self.score_per_point, self.doubts) = (0, SCORE_FIRST, false);
         }
-        let matched = self.find(count, predicted, &forecast);
+        let matched = self.find(&Taken::new(scan, robot_from_lrf, predicted), (count, hits), &forecast);
         let is_lost = !first && matched.score_per_point < self.lost_below();
         self.doubts &= is_lost;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };

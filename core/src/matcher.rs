@@ -159,12 +159,20 @@ pub struct Prediction {
     pub spread: f32,
     /// How far from there it is likely to be.
     pub prior: PriorSpread,
+    /// The last so many points are of what may walk: they say nothing about an axis about which the others say little.
+    pub walking: usize,
 }
 
 impl Prediction {
     /// Box and prior as the configuration has them.
     pub fn usual(map_from_robot: Pose2, score_expected: f32) -> Self {
-        Self { map_from_robot, score_expected, spread: 1.0, prior: PriorSpread { position: 1.0, heading: 1.0 } }
+        Self {
+            map_from_robot,
+            score_expected,
+            spread: 1.0,
+            prior: PriorSpread { position: 1.0, heading: 1.0 },
+            walking: 0,
+        }
     }
 }
 
@@ -258,7 +266,7 @@ impl<'m> ScanMatcher<'m> {
                 best = if summit.value > best.value { summit } else { best };
             }
         }
-        report(objective, prediction, &along::settle(objective, best.pose), &outcome)
+        report(objective, prediction, &along::settle(objective, prediction.walking, best.pose), &outcome)
     }
 
     /// Newton from the prediction alone, without the search: what scan matching is without DE.

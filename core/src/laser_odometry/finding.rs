@@ -5,6 +5,7 @@
 
 use super::LaserOdometry;
 use super::course::Forecast;
+use super::reference::Taken;
 use crate::geometry::Pose2;
 use crate::matcher::{Match, Prediction, RecoveryConfig};
 
@@ -27,10 +28,27 @@ impl LaserOdometry<'_> {
     }
 
     /// Matches the current points, with a wider search if the robot is not where it was expected.
-    pub(super) fn find(&mut self, count: usize, predicted: Pose2, forecast: &Forecast) -> Match {
+    ///
+    /// * `expected` — the scan, at the place where the robot is expected
+    pub(super) fn find(&mut self, expected: &Taken, (points, hits): (usize, usize), forecast: &Forecast) -> Match {
+        let walking = self.part_walking(expected, (points, hits));
+        let matched = self.find_points((points, walking), expected.map_from_robot, forecast);
+        if walking > 0 {
+            self.put_in_order(hits);
+        }
+        matched
+    }
+
+    /// * `walking` — the last so many points are of what may walk
+    fn find_points(&mut self, (count, walking): (usize, usize), predicted: Pose2, forecast: &Forecast) -> Match {
         let score_expected = self.score_per_point * count as f32;
-        let prediction =
-            &Prediction { map_from_robot: predicted, score_expected, spread: forecast.spread, prior: forecast.prior };
+        let prediction = &Prediction {
+            map_from_robot: predicted,
+            score_expected,
+            spread: forecast.spread,
+            prior: forecast.prior,
+            walking,
+        };
         let points = self.points.get(..count).unwrap_or_default();
         let matched = self.matcher.align(&self.ndt, points, prediction, &mut self.rng);
         let is_fit = matched.score_per_point >= self.lost_below();

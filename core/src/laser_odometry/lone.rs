@@ -69,6 +69,11 @@ impl<'a> Objects<'a> {
         self.is_alone
     }
 
+    /// Index behind the last hit of the object that was asked about.
+    pub(super) fn end(&self) -> usize {
+        self.end
+    }
+
     /// Hits of the first object of `hits`.
     fn count(&self, hits: &[Point2]) -> usize {
         let is_apart = |index: &usize| {

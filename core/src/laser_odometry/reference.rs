@@ -97,6 +97,29 @@ impl LaserOdometry<'_> {
         self.ndt.freeze();
     }
 
+    /// Moves those of the current points that may walk behind the others; returns how many these are. None without witnesses.
+    #[cfg(feature = "witnesses")]
+    pub(super) fn part_walking(&mut self, taken: &Taken, (points, hits): (usize, usize)) -> usize {
+        if self.config.odometry.reference != Reference::WholeMap {
+            return 0;
+        }
+        let hits = self.hits.get(..hits).unwrap_or_default();
+        let walking = witnesses::walking(hits, taken, self.key_scans, self.key_points);
+        walking.part(self.points.get_mut(..points).unwrap_or_default())
+    }
+
+    /// Puts the current points into beam order again, as witnesses are kept.
+    pub(super) fn put_in_order(&mut self, hits: usize) {
+        // They had room before.
+        let _ = filter::thin(&self.config.filter, self.hits.get(..hits).unwrap_or_default(), self.points);
+    }
+
+    /// The same without witnesses: nobody can tell.
+    #[cfg(not(feature = "witnesses"))]
+    pub(super) fn part_walking(&mut self, _: &Taken, _: (usize, usize)) -> usize {
+        0
+    }
+
     /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.
     pub(super) fn extend(&mut self, taken: Taken, (points, hits): (usize, usize)) -> InsertReport {
         let map_from_robot = taken.map_from_robot;

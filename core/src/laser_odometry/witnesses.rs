@@ -5,6 +5,9 @@
 //! space of two earlier scans, and near the border of none, moves; so does one that stands in the robot's frame where it stood for two
 //! of them, though the robot has moved. What stands still is soon seen by them too, and then it is map.
 //!
+//! The same is asked before a scan is matched: who walks where somebody stood before him would draw the robot along a corridor in which nothing else
+//! tells the place. So [what may walk](walking) says nothing about an axis about which the rest says little.
+//!
 //! Where beams return nothing no witness has seen a place free. What [stands alone](super::lone) there may walk, and in a corridor longer
 //! than the laser sees it is all that speaks about the way: it is map only once two of them have seen it stand.
 
@@ -13,7 +16,7 @@ use super::lone::Objects;
 use super::reference::Taken;
 use crate::geometry::{Point2, Pose2};
 use crate::math::wrap_angle;
-use crate::time::Duration;
+use crate::time::{Duration, Instant};
 
 /// A place nearer than this to what a witness saw is no longer free, m: more than errors of pose and range.
 const CLEARANCE_M: f32 = 0.3;
@@ -31,6 +34,10 @@ const STOOD_M: f32 = 0.2;
 const STOOD_FOR: Duration = Duration::from_millis(1000);
 /// A robot that goes more than this share of how far it sees in a second cannot wait: it has passed what it sees before that has stood. Chosen.
 const PASSED_SHARE: f32 = 0.2;
+/// Objects that may walk, at most; more are a crowd, and no corridor is bare then. Chosen.
+const WALKING_MAX: usize = 8;
+/// Points are the middle of a few hits: those of an object are so near to it, m.
+const AROUND_M: f32 = 0.15;
 /// A witness is taken after so much travel, m …
 const APART_M: f32 = 0.5;
 /// … or so much rotation, degrees. Both chosen, so that who keeps up with the robot has left his place.
@@ -79,20 +86,83 @@ pub(super) fn keep_standing(
     if witnesses.is_empty() {
         return hits.len();
     }
-    let room = witness_points.len().checked_div(witnesses.len()).unwrap_or(0).max(1);
     let mut objects = can_wait(taken, witnesses).then(|| Objects::new(taken)).flatten();
     let mut kept = 0;
     for index in 0..hits.len() {
         let is_alone = objects.as_mut().is_some_and(|objects| objects.is_alone(hits, index));
         let Some(hit) = hits.get(index).copied() else { break };
         let place = Place { in_map: taken.map_from_robot.transform(hit), in_robot: hit, is_alone };
-        let moves = place.moves(taken, witnesses.iter().zip(witness_points.chunks(room)));
+        let moves = place.moves(taken.at, outlines(witnesses, witness_points));
         if let Some(slot) = hits.get_mut(kept).filter(|_| !moves) {
             *slot = hit;
             kept += 1;
         }
     }
     kept
+}
+
+/// Objects that stand alone and that nobody has seen to stand, as circles in the robot's frame.
+#[derive(Debug, Default)]
+pub(super) struct Walking {
+    objects: heapless::Vec<(Point2, f32), WALKING_MAX>,
+}
+
+impl Walking {
+    /// Moves those of `points` that are of these objects behind the others, which stay in order; returns how many these are.
+    pub(super) fn part(&self, points: &mut [Point2]) -> usize {
+        if self.objects.is_empty() {
+            return 0;
+        }
+        let mut standing = 0;
+        for index in 0..points.len() {
+            let Some(point) = points.get(index).copied() else { break };
+            if !self.objects.iter().any(|(centre, radius_m)| (point - *centre).norm() <= *radius_m) {
+                points.swap(standing, index);
+                standing += 1;
+            }
+        }
+        points.len() - standing
+    }
+}
+
+/// What stands alone among `hits` (robot frame, in beam order) and has not been seen to stand, were the robot where it is expected.
+///
+/// * `taken` — their scan, at that place
+/// * `witnesses` — with the hits of each, robot frame, in beam order
+pub(super) fn walking(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], witness_points: &[Point2]) -> Walking {
+    let mut walking = Walking::default();
+    if witnesses.is_empty() || !can_wait(taken, witnesses) {
+        return walking;
+    }
+    let Some(mut objects) = Objects::new(taken) else { return walking };
+    let mut index = 0;
+    while index < hits.len() && !walking.objects.is_full() {
+        let is_alone = objects.is_alone(hits, index);
+        let end = objects.end().max(index + 1);
+        let object = hits.get(index..end).unwrap_or_default();
+        if is_alone && let Some((first, last)) = object.first().zip(object.last()) {
+            let centre = (*first + *last) * 0.5;
+            let stood = |hit: &Point2| {
+                let in_map = taken.map_from_robot.transform(*hit);
+                let saw = outlines(witnesses, witness_points).filter(|outline| outline.saw_stand(in_map, taken.at));
+                saw.count() >= WITNESSES_MIN
+            };
+            let standing = object.iter().filter(|hit| stood(hit)).count();
+            if 2 * standing < object.len() {
+                // Cannot fail: it is not full.
+                let _ = walking.objects.push((centre, 0.5 * (*last - *first).norm() + AROUND_M));
+            }
+        }
+        index = end;
+    }
+    walking
+}
+
+/// What each of the witnesses saw.
+fn outlines<'a>(witnesses: &'a [KeyScan], points: &'a [Point2]) -> impl Iterator<Item = Outline<'a>> {
+    let room = points.len().checked_div(witnesses.len()).unwrap_or(0).max(1);
+    let seen = witnesses.iter().zip(points.chunks(room));
+    seen.map(|(witness, points)| Outline::new(witness, points.get(..witness.count).unwrap_or_default()))
 }
 
 /// Where a hit is.
@@ -104,21 +174,19 @@ struct Place {
 }
 
 impl Place {
-    fn moves<'a>(&self, taken: &Taken, witnesses: impl Iterator<Item = (&'a KeyScan, &'a [Point2])>) -> bool {
+    fn moves<'a>(&self, now: Instant, outlines: impl Iterator<Item = Outline<'a>>) -> bool {
         let (mut free, mut carried, mut stood) = (0, 0, 0);
-        for (witness, points) in witnesses {
-            let outline = Outline::new(witness, points.get(..witness.count).unwrap_or_default());
-            let place = witness.taken.map_from_robot.inverse().transform(self.in_map) - witness.taken.eye;
+        for outline in outlines {
             if self.is_alone {
-                stood += usize::from(taken.at.since(witness.taken.at) >= STOOD_FOR && outline.has_hit_at(place));
+                stood += usize::from(outline.saw_stand(self.in_map, now));
             } else {
-                match outline.testimony(place) {
+                match outline.testimony(outline.place(self.in_map)) {
                     Testimony::Free => free += 1,
                     Testimony::Near => return false,
                     Testimony::None => {}
                 }
             }
-            carried += usize::from(outline.is_on(self.in_robot - witness.taken.eye));
+            carried += usize::from(outline.is_on(self.in_robot - outline.scan.taken.eye));
         }
         carried >= WITNESSES_MIN || if self.is_alone { stood < WITNESSES_MIN } else { free >= WITNESSES_MIN }
     }
@@ -158,6 +226,16 @@ impl<'a> Outline<'a> {
             let &[a, b] = pair else { return None };
             Some((first + index, a - self.scan.taken.eye, b - self.scan.taken.eye))
         })
+    }
+
+    /// A place in the map as seen from its laser.
+    fn place(&self, in_map: Point2) -> Point2 {
+        self.scan.taken.map_from_robot.inverse().transform(in_map) - self.scan.taken.eye
+    }
+
+    /// True if something was at a place in the map so long before `now` that it has stood.
+    fn saw_stand(&self, in_map: Point2, now: Instant) -> bool {
+        now.since(self.scan.taken.at) >= STOOD_FOR && self.has_hit_at(self.place(in_map))
     }
 
     /// True if something was hit at `place`; the line between two hits is nothing that was.

@@ -53,8 +53,12 @@ pub(super) struct Settled {
 /// Where the robot is along the weakest axis: where the points that tell it say, drawn towards the prediction, the more the less they say.
 ///
 /// A Kalman update on that axis: the prediction has the prior's variance, the match that of [`variance_along`].
+///
+/// * `walking` — the last so many points are not asked: who walks would take the robot along
 #[inline(never)]
-pub(super) fn settle(objective: &Objective<'_, '_>, pose: Pose2) -> Settled {
+pub(super) fn settle(objective: &Objective<'_, '_>, walking: usize, pose: Pose2) -> Settled {
+    let standing = objective.points.len().saturating_sub(walking);
+    let objective = &Objective { points: objective.points.get(..standing).unwrap_or_default(), ..*objective };
     let (axis, constraint) = weakest_axis(objective, pose);
     let prior = &objective.prior;
     if prior.position <= 0.0 || constraint >= CONSTRAINT_TRUSTED {
@@ -67,7 +71,8 @@ pub(super) fn settle(objective: &Objective<'_, '_>, pose: Pose2) -> Settled {
         choose_telling(objective.ndt, objective.points, pose, axis, &mut telling);
     }
     let (points, pose) = if telling.len() < TELLING_MIN {
-        (objective.points, pose)
+        // Those that walk were in the search.
+        (objective.points, if walking > 0 { climb(objective, pose, axis).pose } else { pose })
     } else {
         (telling.as_slice(), climb(&Objective { points: &telling, ..*objective }, pose, axis).pose)
     };
