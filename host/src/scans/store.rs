@@ -25,7 +25,8 @@ struct KeptScan {
     stamp: Instant,
     range_max_m: f32,
     robot_from_lrf: Pose2,
-    beams: Box<[KeptBeam]>,
+    /// Of a forgotten scan there are none, and their memory waits for the next one: robots that drive for a day would break it to pieces.
+    beams: Vec<KeptBeam>,
 }
 
 /// A scan as it is saved: numbers from beam to beam, of which most are small.
@@ -55,23 +56,27 @@ impl ScanStore {
             Echo::Miss => Some(KeptBeam { bearing_rad, range_m: -1.0 }),
             Echo::Invalid => None,
         };
-        let beams = sweep.scan.beams.iter().map(sweep.middle_beam()).filter_map(kept).collect();
+        let kept = sweep.scan.beams.iter().map(sweep.middle_beam()).filter_map(kept);
         let RangeScan { stamp, range_max_m, .. } = sweep.scan;
-        let scan = KeptScan { stamp, range_max_m, robot_from_lrf: sweep.robot_from_lrf, beams };
+        let scan = KeptScan { stamp, range_max_m, robot_from_lrf: sweep.robot_from_lrf, beams: Vec::new() };
         if let Some(place) = self.free.pop()
             && let Some(free) = self.scans.get_mut(place as usize)
         {
-            *free = scan;
+            let mut beams = std::mem::take(&mut free.beams);
+            beams.extend(kept);
+            *free = KeptScan { beams, ..scan };
             return place;
         }
-        self.scans.push(scan);
+        let mut beams = Vec::with_capacity(sweep.scan.beams.len());
+        beams.extend(kept);
+        self.scans.push(KeptScan { beams, ..scan });
         (self.scans.len() - 1) as u32
     }
 
     /// Lets a scan go. Nobody may name its place any more.
     pub fn forget(&mut self, index: u32) {
         if let Some(kept) = self.scans.get_mut(index as usize) {
-            kept.beams = Box::default();
+            kept.beams.clear();
             self.free.push(index);
         }
     }

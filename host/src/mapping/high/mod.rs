@@ -236,7 +236,8 @@ impl<'m> HighSlam<'m> {
 
     /// Makes the open segment a node of the graph.
     fn close_segment(&mut self) {
-        let segment = std::mem::replace(&mut self.open, Segment::empty());
+        let mut segment = std::mem::replace(&mut self.open, Segment::empty());
+        segment.poses.shrink_to_fit();
         let end = segment.start_from_end;
         self.kept = self.kept.map(|kept| end.to_f32().between(kept));
         let start = self.segments.len();
