@@ -4,7 +4,7 @@
 //! # Criterion
 //! A scan tells nothing new if it was taken within [`NEAR_M`] and [`NEAR_DEG`] of scans of [`VISITS`] earlier visits, whose places the graph
 //! is as sure of as the low level's map asks. A segment all of whose scans are such is known. Once it is a few segments old, the nodes between
-//! known segments that closures tie to older ground, or whose neighbours do so, leave the graph and
+//! known segments that closures tie to older ground, or the hanging node before or after them, leave the graph and
 //! [hang](crate::places::pose_graph::PoseGraph::hang) on the nearest node of an earlier visit.
 //! A place of a plane and a direction holds no more than that many visits, so the graph is bounded by the area.
 //!
@@ -30,6 +30,8 @@ const NEAR_DEG: f32 = 45.0;
 const VISITS: usize = 2;
 /// Later visits after which the scans of a known segment go: more than [`VISITS`], so that what stands now has the majority.
 const NEWER_VISITS: usize = 3;
+/// Nodes that are judged again after each segment. Chosen.
+const AGAIN: usize = 4;
 /// Segments this far apart along the way are different visits.
 const VISIT_SEGMENTS: usize = 3;
 /// Scans so far apart, m, or so far turned, rad, are asked about.
@@ -42,7 +44,7 @@ const HANGING_SIGMA_M: f64 = 0.05;
 const HANGING_SIGMA_DEG: f64 = 0.3;
 
 impl HighSlam<'_> {
-    /// After a segment was added: the one that has just become a few segments old goes from the graph if it is known, and so does one of
+    /// After a segment was added: the one that has just become a few segments old goes from the graph if it is known, and so do some of
     /// those that were not then. A robot that was lost, or held up by people, knows only later where it was.
     pub(super) fn let_known_ground_go(&mut self) {
         // Closures that wait for a second one name the segments after that.
@@ -53,9 +55,8 @@ impl HighSlam<'_> {
         let hung = self.hung_nodes();
         let left: Vec<usize> = (1..segment).filter(|node| !hung.contains(node)).collect();
         // In turns, for the first visits stay for good.
-        if let Some(&again) = left.get(segment % left.len().max(1)) {
-            self.let_go_if_known(again);
-        }
+        let turn = AGAIN * segment % left.len().max(1);
+        left.iter().cycle().skip(turn).take(AGAIN.min(left.len())).for_each(|&again| self.let_go_if_known(again));
     }
 
     fn let_go_if_known(&mut self, segment: usize) {
@@ -100,18 +101,30 @@ impl HighSlam<'_> {
     }
 
     fn hang(&mut self, node: usize, mapped: &[usize]) {
-        let mut edges = self.graph.edges().iter().filter(|edge| [edge.from, edge.to].contains(&node));
-        let is_tied = edges.clone().any(|edge| edge.is_closure);
-        // What comes before and after it hangs.
-        let is_between = edges.all(|edge: &Edge| edge.to == node && edge.from + 1 != node);
-        if !is_tied && !is_between {
+        // By a closure of its own, or by what comes before or after it, which hangs.
+        let is_tied = |edge: &Edge| {
+            let is_held = edge.to == node && edge.from + 1 != node;
+            is_held || edge.is_closure && edge.from == node
+        };
+        if !self.graph.edges().iter().any(is_tied) {
             return;
         }
-        let nodes = self.graph.nodes();
-        let distance = |k: &usize| nodes[*k].between(nodes[node]).distance_m();
-        let Some(&on) = mapped.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))) else { return };
+        let Some(on) = self.nearest_first_visit(node, mapped) else { return };
         let (position, heading) = (HANGING_SIGMA_M.powi(-2), HANGING_SIGMA_DEG.to_radians().powi(-2));
         self.graph.hang(node, on, Matrix3::from_diagonal(&Vector3::new(position, position, heading)));
+    }
+
+    /// The nearest of the `mapped` nodes that are not known themselves, if there are such: what others hang on can no longer hang.
+    fn nearest_first_visit(&self, node: usize, mapped: &[usize]) -> Option<usize> {
+        let nodes = self.graph.nodes();
+        let distance = |k: usize| nodes[k].between(nodes[node]).distance_m();
+        let mut nearest = mapped.to_vec();
+        nearest.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)));
+        let is_first = |k: &usize| {
+            let before: Vec<usize> = mapped.iter().copied().filter(|other| other + VISIT_SEGMENTS <= *k).collect();
+            *k == 0 || !self.is_known(*k, &before, VISITS) || !self.is_known(*k - 1, &before, VISITS)
+        };
+        nearest.iter().copied().find(is_first).or(nearest.first().copied())
     }
 
     /// Scans of older known segments go where newer visits than them have come by since.
