@@ -108,16 +108,16 @@ impl LaserOdometry<'_> {
         walking.part(self.points.get_mut(..points).unwrap_or_default())
     }
 
-    /// Puts the current points into beam order again, as witnesses are kept.
-    pub(super) fn put_in_order(&mut self, hits: usize) {
-        // They had room before.
-        let _ = filter::thin(&self.config.filter, self.hits.get(..hits).unwrap_or_default(), self.points);
-    }
-
     /// The same without witnesses: nobody can tell.
     #[cfg(not(feature = "witnesses"))]
     pub(super) fn part_walking(&mut self, _: &Taken, _: (usize, usize)) -> usize {
         0
+    }
+
+    /// Puts the current points into beam order again, as witnesses are kept.
+    pub(super) fn put_in_order(&mut self, hits: usize) {
+        // They had room before.
+        let _ = filter::thin(&self.config.filter, self.hits.get(..hits).unwrap_or_default(), self.points);
     }
 
     /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.

@@ -58,18 +58,18 @@ impl ScanStore {
         };
         let kept = sweep.scan.beams.iter().map(sweep.middle_beam()).filter_map(kept);
         let RangeScan { stamp, range_max_m, .. } = sweep.scan;
-        let scan = KeptScan { stamp, range_max_m, robot_from_lrf: sweep.robot_from_lrf, beams: Vec::new() };
+        let scan = |beams| KeptScan { stamp, range_max_m, robot_from_lrf: sweep.robot_from_lrf, beams };
         if let Some(place) = self.free.pop()
             && let Some(free) = self.scans.get_mut(place as usize)
         {
             let mut beams = std::mem::take(&mut free.beams);
             beams.extend(kept);
-            *free = KeptScan { beams, ..scan };
+            *free = scan(beams);
             return place;
         }
-        let mut beams = Vec::with_capacity(sweep.scan.beams.len());
-        beams.extend(kept);
-        self.scans.push(KeptScan { beams, ..scan });
+        let mut beams: Vec<KeptBeam> = kept.collect();
+        beams.shrink_to_fit();
+        self.scans.push(scan(beams));
         (self.scans.len() - 1) as u32
     }
 

@@ -28,6 +28,16 @@ fn closure(from: usize, to: usize, from_to: PoseF64) -> Edge {
     Edge { from, to, from_to, information: information(0.03, 0.01), is_closure: true }
 }
 
+/// The square with three closures, solved.
+fn closed_square() -> (Vec<PoseF64>, PoseGraph) {
+    let (truth, mut graph) = drifted_square(3);
+    for (from, to) in [(0, 39), (2, 38), (10, 30)] {
+        graph.add_edge(closure(from, to, truth[from].between(truth[to])));
+    }
+    graph.solve();
+    (truth, graph)
+}
+
 fn worst(graph: &PoseGraph, truth: &[PoseF64]) -> f64 {
     graph.nodes().iter().zip(truth).map(|(a, b)| (a.x - b.x).hypot(a.y - b.y)).fold(0.0, f64::max)
 }
@@ -89,11 +99,7 @@ fn a_wrong_closure_is_found_out_by_two_right_ones() {
 /// A way that hangs holds its neighbours as it did, to what it is sure of; and what hangs moves with what it hangs on.
 #[test]
 fn nodes_that_hang_leave_the_solution_of_the_others_as_it_was() {
-    let (truth, mut whole) = drifted_square(3);
-    for (from, to) in [(0, 39), (2, 38), (10, 30)] {
-        whole.add_edge(closure(from, to, truth[from].between(truth[to])));
-    }
-    whole.solve();
+    let (truth, mut whole) = closed_square();
     let mut less = whole.clone();
     for node in [15, 16, 17] {
         assert!(less.hang(node, 10, information(0.05, 0.005)));
@@ -123,11 +129,7 @@ fn nodes_that_hang_leave_the_solution_of_the_others_as_it_was() {
 /// What is known only later hangs as well, whatever hangs about it already.
 #[test]
 fn nodes_hang_in_any_order() {
-    let (truth, mut whole) = drifted_square(3);
-    for (from, to) in [(0, 39), (2, 38), (10, 30)] {
-        whole.add_edge(closure(from, to, truth[from].between(truth[to])));
-    }
-    whole.solve();
+    let (truth, whole) = closed_square();
     let further = closure(5, 35, truth[5].between(truth[35]));
     for order in [[15, 16, 17], [15, 17, 16], [17, 15, 16], [17, 16, 15]] {
         let (mut all, mut less) = (whole.clone(), whole.clone());
