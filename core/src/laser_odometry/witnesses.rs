@@ -6,10 +6,14 @@
 //! of them, though the robot has moved. What stands still is soon seen by them too, and then it is map.
 //!
 //! The same is asked before a scan is matched: who walks where somebody stood before him would draw the robot along a corridor in which nothing else
-//! tells the place. So [what may walk](walking) says nothing about an axis about which the rest says little.
+//! tells the place. So [what may walk](walking) says nothing about an axis about which the rest says little: what stands alone where one of them would have
+//! seen it and did not. What comes into view round a corner, or where the laser's reach ends, may be a wall that has long been map.
 //!
 //! Where beams return nothing no witness has seen a place free. What [stands alone](super::lone) there may walk, and in a corridor longer
 //! than the laser sees it is all that speaks about the way: it is map only once two of them have seen it stand.
+
+#[cfg(test)]
+mod tests;
 
 use super::KeyScan;
 use super::lone::Objects;
@@ -101,7 +105,7 @@ pub(super) fn keep_standing(
     kept
 }
 
-/// Objects that stand alone and that nobody has seen to stand, as circles in the robot's frame.
+/// Objects that stand alone where a moment ago nothing was, as circles in the robot's frame.
 #[derive(Debug, Default)]
 pub(super) struct Walking {
     objects: heapless::Vec<(Point2, f32), WALKING_MAX>,
@@ -125,7 +129,8 @@ impl Walking {
     }
 }
 
-/// What stands alone among `hits` (robot frame, in beam order) and has not been seen to stand, were the robot where it is expected.
+/// What stands alone among `hits` (robot frame, in beam order) where a witness would have seen it and did not, and has not been seen to stand, were the robot
+/// where it is expected.
 ///
 /// * `taken` — their scan, at that place
 /// * `witnesses` — with the hits of each, robot frame, in beam order
@@ -142,13 +147,17 @@ pub(super) fn walking(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], wit
         let object = hits.get(index..end).unwrap_or_default();
         if is_alone && let Some((first, last)) = object.first().zip(object.last()) {
             let centre = (*first + *last) * 0.5;
-            let stood = |hit: &Point2| {
+            let came = |hit: &Point2| {
                 let in_map = taken.map_from_robot.transform(*hit);
-                let saw = outlines(witnesses, witness_points).filter(|outline| outline.saw_stand(in_map, taken.at));
-                saw.count() >= WITNESSES_MIN
+                let (mut stood, mut missed) = (0, 0);
+                for outline in outlines(witnesses, witness_points) {
+                    stood += usize::from(outline.saw_stand(in_map, taken.at));
+                    missed += usize::from(outline.missed(in_map, taken.at));
+                }
+                stood < WITNESSES_MIN && missed > 0
             };
-            let standing = object.iter().filter(|hit| stood(hit)).count();
-            if 2 * standing < object.len() {
+            let walking_hits = object.iter().filter(|hit| came(hit)).count();
+            if 2 * walking_hits > object.len() {
                 // Cannot fail: it is not full.
                 let _ = walking.objects.push((centre, 0.5 * (*last - *first).norm() + AROUND_M));
             }
@@ -238,6 +247,18 @@ impl<'a> Outline<'a> {
         now.since(self.scan.taken.at) >= STOOD_FOR && self.has_hit_at(self.place(in_map))
     }
 
+    /// True if nothing was at a place in the map so long before `now`, though it would have been seen there.
+    fn missed(&self, in_map: Point2, now: Instant) -> bool {
+        let place = self.place(in_map);
+        let after = self.after(place);
+        let before = after.checked_sub(1).and_then(|index| self.points.get(index));
+        let Some((a, b)) = before.zip(self.points.get(after)) else { return false };
+        let (a, b) = (*a - self.scan.taken.eye, *b - self.scan.taken.eye);
+        let is_seen = self.turned(b) - self.turned(a) <= GAP_RAD;
+        let sees_m = if is_seen { a.norm().min(b.norm()) } else { self.scan.taken.farthest_m };
+        now.since(self.scan.taken.at) >= STOOD_FOR && place.norm() + CLEARANCE_M < sees_m && !self.has_hit_at(place)
+    }
+
     /// True if something was hit at `place`; the line between two hits is nothing that was.
     fn has_hit_at(&self, place: Point2) -> bool {
         self.lines(self.after(place)).any(|(_, a, b)| (place - a).norm() < STOOD_M || (place - b).norm() < STOOD_M)
@@ -281,97 +302,4 @@ fn is_before(point: Point2, a: Point2, b: Point2) -> bool {
     let line = b - a;
     let side = |from: Point2| line.x * (from.y - a.y) - line.y * (from.x - a.x);
     side(point) * side(Point2::default()) > 0.0
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::time::Instant;
-    use std::vec;
-    use std::vec::Vec;
-
-    /// What a laser at `x` on the axis of a corridor 4 m wide and 20 m long sees, robot frame, with `more` in its way.
-    fn seen_from(x: f32, more: &dyn Fn(f32) -> f32) -> Vec<Point2> {
-        let hit = |degree: i32| {
-            let bearing = (degree as f32 - 90.0).to_radians();
-            let (sin, cos) = (libm::sinf(bearing), libm::cosf(bearing).max(1e-3));
-            let range = (2.0 / sin.abs().max(1e-3)).min((20.0 - x) / cos).min(more(bearing));
-            Point2::from_polar(range, bearing)
-        };
-        (0..=180).map(hit).collect()
-    }
-
-    /// How many of `hits` stand, as two scans from `earlier` say, with so much `more` in the way of each.
-    fn standing(now: f32, hits: &mut [Point2], earlier: [f32; 2], more: [&dyn Fn(f32) -> f32; 2]) -> usize {
-        let mut points = vec![Point2::default(); 2 * 181];
-        let witnesses: Vec<KeyScan> = earlier
-            .iter()
-            .zip(more)
-            .zip(points.chunks_mut(181))
-            .map(|((x, more), memory)| {
-                let mut witness = KeyScan::default();
-                witness.keep(memory, &seen_from(*x, more), taken_at(*x));
-                witness
-            })
-            .collect();
-        keep_standing(hits, &taken_at(now), &witnesses, &points)
-    }
-
-    /// The robot goes a metre a second.
-    fn taken_at(x: f32) -> Taken {
-        Taken {
-            at: Instant::from_micros((x * 1e6) as i64),
-            map_from_robot: Pose2::new(x, 0.0, 0.0),
-            farthest_m: 20.0,
-            beam_rad: core::f32::consts::PI / 180.0,
-            ..Default::default()
-        }
-    }
-
-    const NOBODY: &dyn Fn(f32) -> f32 = &|_| f32::MAX;
-
-    #[test]
-    fn walls_stand_and_who_came_since_does_not() {
-        let mut walls = seen_from(2.0, NOBODY);
-        assert_eq!(standing(2.0, &mut walls, [1.0, 0.0], [NOBODY; 2]), 181);
-        // Somebody 1.5 m ahead, 0.4 m wide: 15 beams.
-        let mut hits = seen_from(2.0, &|bearing| if bearing.abs() < 0.13 { 1.5 } else { f32::MAX });
-        assert_eq!(standing(2.0, &mut hits, [1.0, 0.0], [NOBODY; 2]), 181 - 15);
-        assert!(hits[..166].iter().all(|hit| hit.norm() > 1.9), "those that stand come first");
-    }
-
-    /// Nobody has ever seen the place where he stands, for he stood before it all the time.
-    #[test]
-    fn who_goes_before_the_robot_is_not_map() {
-        let escort = |bearing: f32| if bearing.abs() < 0.4 { 1.2 } else { f32::MAX };
-        let mut hits = seen_from(2.0, &escort);
-        let kept = standing(2.0, &mut hits, [1.4, 0.8], [&escort; 2]);
-        assert!((181 - 51..=181 - 40).contains(&kept), "{kept}");
-    }
-    /// He is where he was on his way there, and for one of the witnesses has stood.
-    #[test]
-    fn who_stands_is_map_and_who_turns_round_is_not() {
-        let at = |range_m: f32| move |bearing: f32| if bearing.abs() < 0.2 / range_m { range_m } else { f32::MAX };
-        let hits = || seen_from(2.0, &at(2.0));
-        assert_eq!(standing(2.0, &mut hits(), [1.0, 0.0], [&at(3.0), &at(4.0)]), 181);
-        assert_eq!(standing(2.0, &mut hits(), [1.0, 0.0], [&at(4.0), &at(4.0)]), 181 - 11);
-    }
-    /// Some logs are written in bursts: scans of a second have stamps a millisecond apart.
-    #[test]
-    fn only_who_is_fast_for_half_a_metre_cannot_wait() {
-        let witness = |x| {
-            let mut witness = KeyScan::default();
-            witness.keep(&mut [Point2::default()], &[Point2::default()], taken_at(x));
-            witness
-        };
-        let witnesses = [witness(1.0), witness(0.0)];
-        let at = |seconds: f32, x| Taken { at: taken_at(seconds).at, ..taken_at(x) };
-        assert!(can_wait(&at(1.001, 1.1), &witnesses), "a tenth of a metre in a millisecond");
-        let hemmed_in = Taken { farthest_m: 0.5, ..at(2.0, 2.0) };
-        assert!(
-            can_wait(&hemmed_in, &witnesses),
-            "somebody before the laser takes the view of a robot at 1 m/s, and the witnesses saw 20 m"
-        );
-        assert!(!can_wait(&at(1.1, 1.6), &witnesses), "6 m/s, who sees 20 m");
-    }
 }

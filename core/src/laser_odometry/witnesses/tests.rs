@@ -1,0 +1,104 @@
+use super::*;
+use crate::time::Instant;
+use std::vec;
+use std::vec::Vec;
+
+/// What a laser at `x` on the axis of a corridor 4 m wide and 20 m long sees, robot frame, with `more` in its way.
+fn seen_from(x: f32, more: &dyn Fn(f32) -> f32) -> Vec<Point2> {
+    let hit = |degree: i32| {
+        let bearing = (degree as f32 - 90.0).to_radians();
+        let (sin, cos) = (libm::sinf(bearing), libm::cosf(bearing).max(1e-3));
+        let range = (2.0 / sin.abs().max(1e-3)).min((20.0 - x) / cos).min(more(bearing));
+        Point2::from_polar(range, bearing)
+    };
+    (0..=180).map(hit).collect()
+}
+
+/// How many of `hits` stand, as two scans from `earlier` say, with so much `more` in the way of each.
+fn standing(now: f32, hits: &mut [Point2], earlier: [f32; 2], more: [&dyn Fn(f32) -> f32; 2]) -> usize {
+    let mut points = vec![Point2::default(); 2 * 181];
+    let witnesses: Vec<KeyScan> = earlier
+        .iter()
+        .zip(more)
+        .zip(points.chunks_mut(181))
+        .map(|((x, more), memory)| {
+            let mut witness = KeyScan::default();
+            witness.keep(memory, &seen_from(*x, more), taken_at(*x));
+            witness
+        })
+        .collect();
+    keep_standing(hits, &taken_at(now), &witnesses, &points)
+}
+
+/// The robot goes a metre a second.
+fn taken_at(x: f32) -> Taken {
+    Taken {
+        at: Instant::from_micros((x * 1e6) as i64),
+        map_from_robot: Pose2::new(x, 0.0, 0.0),
+        farthest_m: 20.0,
+        beam_rad: core::f32::consts::PI / 180.0,
+        ..Default::default()
+    }
+}
+
+const NOBODY: &dyn Fn(f32) -> f32 = &|_| f32::MAX;
+
+#[test]
+fn walls_stand_and_who_came_since_does_not() {
+    let mut walls = seen_from(2.0, NOBODY);
+    assert_eq!(standing(2.0, &mut walls, [1.0, 0.0], [NOBODY; 2]), 181);
+    // Somebody 1.5 m ahead, 0.4 m wide: 15 beams.
+    let mut hits = seen_from(2.0, &|bearing| if bearing.abs() < 0.13 { 1.5 } else { f32::MAX });
+    assert_eq!(standing(2.0, &mut hits, [1.0, 0.0], [NOBODY; 2]), 181 - 15);
+    assert!(hits[..166].iter().all(|hit| hit.norm() > 1.9), "those that stand come first");
+}
+
+/// Nobody has ever seen the place where he stands, for he stood before it all the time.
+#[test]
+fn who_goes_before_the_robot_is_not_map() {
+    let escort = |bearing: f32| if bearing.abs() < 0.4 { 1.2 } else { f32::MAX };
+    let mut hits = seen_from(2.0, &escort);
+    let kept = standing(2.0, &mut hits, [1.4, 0.8], [&escort; 2]);
+    assert!((181 - 51..=181 - 40).contains(&kept), "{kept}");
+}
+/// He is where he was on his way there, and for one of the witnesses has stood.
+#[test]
+fn who_stands_is_map_and_who_turns_round_is_not() {
+    let at = |range_m: f32| move |bearing: f32| if bearing.abs() < 0.2 / range_m { range_m } else { f32::MAX };
+    let hits = || seen_from(2.0, &at(2.0));
+    assert_eq!(standing(2.0, &mut hits(), [1.0, 0.0], [&at(3.0), &at(4.0)]), 181);
+    assert_eq!(standing(2.0, &mut hits(), [1.0, 0.0], [&at(4.0), &at(4.0)]), 181 - 11);
+}
+/// A corridor that ends nowhere: only he tells where the robot is in it.
+#[test]
+fn who_was_not_seen_there_may_walk_and_what_was_hidden_may_be_a_wall() {
+    let at = |range_m: f32| move |bearing: f32| if bearing.abs() < 0.2 / range_m { range_m } else { f32::MAX };
+    let walking_at = |range_m: f32, more: &dyn Fn(f32) -> f32| {
+        let mut witness = KeyScan::default();
+        let mut points = vec![Point2::default(); 181];
+        witness.keep(&mut points, &seen_from(1.0, more), taken_at(1.0));
+        walking(&seen_from(2.5, &at(range_m)), &taken_at(2.5), &[witness], &points).objects.len()
+    };
+    assert_eq!(walking_at(3.0, NOBODY), 1, "a beam went on where he is");
+    assert_eq!(walking_at(3.0, &at(7.0)), 1, "he himself was behind");
+    assert_eq!(walking_at(3.0, &at(2.0)), 0, "hidden by what was nearer");
+    assert_eq!(walking_at(3.0, &at(4.5)), 0, "he was there");
+}
+/// Some logs are written in bursts: scans of a second have stamps a millisecond apart.
+#[test]
+fn only_who_is_fast_for_half_a_metre_cannot_wait() {
+    let witness = |x| {
+        let mut witness = KeyScan::default();
+        witness.keep(&mut [Point2::default()], &[Point2::default()], taken_at(x));
+        witness
+    };
+    let witnesses = [witness(1.0), witness(0.0)];
+    let at = |seconds: f32, x| Taken { at: taken_at(seconds).at, ..taken_at(x) };
+    assert!(can_wait(&at(1.001, 1.1), &witnesses), "a tenth of a metre in a millisecond");
+    let hemmed_in = Taken { farthest_m: 0.5, ..at(2.0, 2.0) };
+    assert!(
+        can_wait(&hemmed_in, &witnesses),
+        "somebody before the laser takes the view of a robot at 1 m/s, and the witnesses saw 20 m"
+    );
+    assert!(!can_wait(&at(1.1, 1.6), &witnesses), "6 m/s, who sees 20 m");
+}
