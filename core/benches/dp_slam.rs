@@ -32,7 +32,7 @@ fn main() {
 }
 
 fn configs(particles: u16, samples_per_particle: u16) -> LowSlamConfigs {
-    let filter = LowSlamConfig { particles, samples_per_particle };
+    let filter = LowSlamConfig { particles, particles_min: particles, samples_per_particle };
     LowSlamConfigs { filter, ..Default::default() }
 }
 

@@ -16,6 +16,11 @@ pub trait Motion {
     /// A pose that the robot may have now if it was at `map_from_robot` before.
     fn sample(&self, map_from_robot: Pose2, rng: &mut impl Rng) -> Pose2;
 
+    /// True where the scene leaves an axis undetermined: every particle is a guess of its own.
+    fn is_open(&self) -> bool {
+        false
+    }
+
     /// True where nothing tells the speed: it goes on as it was, for the whole stretch.
     fn carries_speed(&self) -> bool {
         false
@@ -78,6 +83,7 @@ pub struct ScanMatchingMotion {
     speed: Point2,
     /// Lower triangle with L Lᵀ = covariance of the noise.
     noise: Matrix3<f32>,
+    is_open: bool,
 }
 
 impl ScanMatchingMotion {
@@ -90,7 +96,8 @@ impl ScanMatchingMotion {
             let along = Vector3::new(axis.x, axis.y, 0.0) * config.undetermined_m;
             covariance += along * along.transpose();
         }
-        Self { displacement, speed: Point2::default(), noise: lower_triangle(&covariance) }
+        let (speed, noise) = (Point2::default(), lower_triangle(&covariance));
+        Self { displacement, speed, noise, is_open: matched.undetermined.is_some() }
     }
 
     /// The same where matches are against the last scans: along an undetermined axis the speed may be wrong, and goes on to be.
@@ -126,6 +133,10 @@ impl ScanMatchingMotionConfig {
 impl Motion for ScanMatchingMotion {
     fn sample(&self, map_from_robot: Pose2, rng: &mut impl Rng) -> Pose2 {
         self.sample_at_speed(map_from_robot, 0.0, rng)
+    }
+
+    fn is_open(&self) -> bool {
+        self.is_open
     }
 
     fn carries_speed(&self) -> bool {

@@ -25,6 +25,7 @@ mod memory;
 #[cfg(feature = "old-ground")]
 mod old_ground;
 mod pools;
+mod resampling;
 mod restart;
 mod stretch;
 mod upkeep;
@@ -52,15 +53,13 @@ crate::config! {
     pub struct LowSlamConfig {
         /// P, particles kept at most; time and memory are in proportion. The original: 50.
         particles: u16 = 50, in 1..=10000;
+        /// Particles kept at least. From here to `particles` there are as many as their spread asks for (KLD-sampling: Fox, IJRR 2003), and all of them
+        /// where the scene leaves an axis undetermined or a loop is to be closed. As many as `particles`: always all, as the thesis has it.
+        particles_min: u16 = 8, in 1..=10000;
         /// Poses tried for each particle kept, with one map: time is in proportion, memory is not. The thesis: 1; the original: 10.
         samples_per_particle: u16 = 1, in 1..=100;
     }
 }
-
-/// Resampling waits until the effective sample size falls to this share of P. Between, weights add up: particles are compared by
-/// several scans and fewer good ones die of chance, which is what closing a loop lives on. The thesis: 1, after every scan. Not looked
-/// at with more samples than particles, where only resampling chooses who is kept.
-const RESAMPLE_SHARE: f32 = 0.5;
 
 /// The configuration of the low level with all its parts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -135,6 +134,8 @@ pub struct LowSlam<'m, const SIDE: usize> {
     sample_count: usize,
     ray_count: usize,
     particles_max: u16,
+    /// Survivors drawn the last time: fewer may be left where the pool of tiles was full.
+    draws: u16,
     /// Of the particles' mean, m.
     way_m: f32,
     mean_map_from_robot: Pose2,
@@ -179,6 +180,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             sample_count: 0,
             ray_count: 0,
             particles_max,
+            draws: particles_max,
             way_m: 0.0,
             mean_map_from_robot: Pose2::IDENTITY,
         })
@@ -274,7 +276,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             self.weigh(frame, &mut weigh); // "weigh out, using perception model + low map t−1": eq. (3.39)
         }
         let weights = particles::normalise(self.samples_mut()).unwrap_or_default();
-        report.resampled = self.resample(&weights); // "resampling particles"
+        report.resampled = self.resample(&weights, motion.is_open()); // "resampling particles"
         self.advance(); // §3.2.3.2: prune, collapse, add
         self.print_all(stretch, &mut report)?; // "print low map"
         self.steps = self.steps.saturating_add(1); // "t = t + 1"
@@ -346,26 +348,6 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             frame,
         };
         weigh(&weighing, self.samples.get_mut(..self.sample_count).unwrap_or_default(), &mut self.window);
-    }
-
-    /// Draws survivors if the weights have become too unequal, or there are too many samples; else all go on.
-    fn resample(&mut self, weights: &Weights) -> bool {
-        let enough = RESAMPLE_SHARE * f32::from(self.particles_max);
-        let drawn = self.sample_count > self.particles_max() || weights.effective_sample_size <= enough;
-        if drawn {
-            let draws = self.particles_max;
-            let mut rng = RandomStream::new(self.seed, self.steps, u32::MAX);
-            particles::resample(self.samples_mut(), draws, &mut rng);
-        }
-        for sample in self.samples_mut() {
-            if drawn {
-                sample.log_weight = 0.0;
-            } else {
-                sample.draws = 1;
-                sample.log_weight -= weights.best_log_weight;
-            }
-        }
-        drawn
     }
 
     /// The window of this step: all samples' positions, as far as the scan's longest ray goes about them.

@@ -15,6 +15,7 @@ impl<const SIDE: usize> LowSlam<'_, SIDE> {
     pub fn restart_at(&mut self, map_from_robot: Pose2) {
         self.keep_one();
         self.map.clear();
+        self.draws = self.particles_max;
         if let Some(particle) = self.particles.first_mut() {
             let (node, draws) = (particle.node, self.particles_max);
             *particle = Particle { map_from_robot, node, draws, weight: 1.0, ..Particle::default() };
@@ -29,6 +30,7 @@ impl<const SIDE: usize> LowSlam<'_, SIDE> {
         core::mem::swap(&mut self.ancestry, &mut drawn.ancestry);
         core::mem::swap(&mut self.particles, &mut drawn.particles);
         core::mem::swap(&mut self.particle_count, &mut drawn.particle_count);
+        core::mem::swap(&mut self.draws, &mut drawn.draws);
         self.particles.iter_mut().take(1).for_each(|particle| particle.map_from_robot = map_from_robot);
     }
 

@@ -60,7 +60,7 @@ impl Memory {
 
 fn configs(particles: u16) -> LowSlamConfigs {
     LowSlamConfigs {
-        filter: LowSlamConfig { particles, ..Default::default() },
+        filter: LowSlamConfig { particles, particles_min: particles, ..Default::default() },
         map: ParticleMapConfig { square_size_m: 0.1, ..Default::default() },
         ..Default::default()
     }
@@ -170,7 +170,10 @@ fn the_filter_corrects_a_biased_motion() {
 
 #[test]
 fn threads_change_no_bit() {
-    let config = LowSlamConfigs { filter: LowSlamConfig { particles: 20, samples_per_particle: 3 }, ..configs(20) };
+    let config = LowSlamConfigs {
+        filter: LowSlamConfig { particles: 20, samples_per_particle: 3, ..configs(20).filter },
+        ..configs(20)
+    };
     let run = |threads| {
         let mut history = Vec::new();
         drive(&config, &mut Memory::new(20, 60, 6000), 25, threads, |slam, report, _| {
@@ -198,6 +201,26 @@ fn parents_and_leaves_are_told_truly() {
         assert!(now.is_sorted_by_key(|particle| particle.parent));
         before = now.to_vec();
     });
+}
+
+#[test]
+fn few_particles_where_all_agree_and_all_of_them_where_an_axis_is_open() {
+    let mut config = configs(40);
+    config.filter.particles_min = 6;
+    let mut memory = Memory::new(40, 40, 8000);
+    let mut slam = LowSlam::new(&config, 5, memory.lend()).unwrap();
+    let mut step = |step: u32, undetermined| {
+        let beams = scan_at(Pose2::IDENTITY, step);
+        let still = MatchedMotion { previous_from_robot: Pose2::IDENTITY, undetermined };
+        let motion = ScanMatchingMotion::new(&ScanMatchingMotionConfig::default(), &still);
+        slam.step(&as_sweep(&beams), &motion).unwrap()
+    };
+    let particles: Vec<usize> = (0..6).map(|i| step(i, None).particles).collect();
+    assert!(particles[2..].iter().all(|count| (1..=6).contains(count)), "{particles:?}");
+    step(6, Some(Point2::new(1.0, 0.0)));
+    assert_eq!(step(7, Some(Point2::new(1.0, 0.0))).samples, 40, "the next scan finds all of them");
+    let samples: Vec<usize> = (8..11).map(|i| step(i, None).samples).collect();
+    assert_eq!(samples[1..], [6; 2], "they are a few centimetres apart");
 }
 
 #[test]

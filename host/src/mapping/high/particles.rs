@@ -45,7 +45,11 @@ const DRIFT_SIGMAS: f32 = 0.2;
 /// What core's particle filter works with at the high level; `slam` is the low level's.
 pub fn filter_config(slam: &SlamConfig) -> LowSlamConfigs {
     LowSlamConfigs {
-        filter: LowSlamConfig { particles: PARTICLES, samples_per_particle: SAMPLES_PER_PARTICLE },
+        filter: LowSlamConfig {
+            particles: PARTICLES,
+            particles_min: PARTICLES,
+            samples_per_particle: SAMPLES_PER_PARTICLE,
+        },
         closes_loops: false,
         perception: PerceptionConfig { sigma_m: SIGMA_M, gain: GAIN, ..slam.perception },
         ..slam.low_slam()
