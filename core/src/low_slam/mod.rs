@@ -162,7 +162,8 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         let Some(first) = particles.first_mut().filter(|_| particles_max > 0 && has_lists) else {
             return Err(LowSlamMemoryError::Particles);
         };
-        *first = Particle { node: NodeId::ROOT, draws: particles_max, weight: 1.0, ..Particle::default() };
+        let draws = config.draws_at_one_place(particles_max);
+        *first = Particle { node: NodeId::ROOT, draws, weight: 1.0, ..Particle::default() };
         Ok(Self {
             config: *config,
             particle_from_lrf: Pose2::IDENTITY,
@@ -180,7 +181,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
             sample_count: 0,
             ray_count: 0,
             particles_max,
-            draws: particles_max,
+            draws,
             way_m: 0.0,
             mean_map_from_robot: Pose2::IDENTITY,
         })
@@ -291,7 +292,7 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         map_from_robot: Pose2,
         stretch: &mut impl Stretch,
     ) -> Result<FilterReport, RayCapacityError> {
-        let draws = self.particles_max;
+        let draws = self.draws;
         self.sample_count = 1;
         if let (Some(sample), Some(particle)) = (self.samples.first_mut(), self.particles.first_mut()) {
             *sample = Sample { map_from_robot, draws, weight: 1.0, ..Sample::default() };

@@ -7,7 +7,7 @@
 //! Departure: drawing stops at a number that the samples of the step give, instead of counting bins draw by draw, so that survivors can be drawn
 //! in equal steps.
 
-use super::LowSlam;
+use super::{LowSlam, LowSlamConfigs};
 use crate::geometry::Pose2;
 use crate::math::wrap_angle;
 use crate::particles::{self, Sample, Weights};
@@ -29,11 +29,13 @@ const WALL_M: f32 = 10.0;
 const BINS: usize = 1024;
 
 impl<const SIDE: usize> LowSlam<'_, SIDE> {
-    /// Draws survivors if the weights have become too unequal, or there are too many samples or too few; else all go on.
+    /// Draws survivors if the weights have become too unequal, or there are too many samples for the memory or too few; else all go on: those that are too many
+    /// go when weights tell which.
     pub(super) fn resample(&mut self, weights: &Weights, is_open: bool) -> bool {
         let draws = self.needed(is_open);
         let enough = RESAMPLE_SHARE * f32::from(self.draws);
-        let drawn = self.is_too_few_or_many(draws) || weights.effective_sample_size <= enough;
+        let has_room = self.sample_count <= self.particles_max() && draws <= self.draws;
+        let drawn = !has_room || weights.effective_sample_size <= enough;
         if drawn {
             self.draws = draws;
             let mut rng = RandomStream::new(self.seed, self.steps, u32::MAX);
@@ -53,17 +55,18 @@ impl<const SIDE: usize> LowSlam<'_, SIDE> {
     /// Draws that the samples ask for.
     fn needed(&self, is_open: bool) -> u16 {
         let most = self.particles_max;
-        let least = self.config.filter.particles_min.min(most);
-        if is_open || self.config.closes_loops || least == most {
+        let least = self.config.draws_at_one_place(most);
+        if is_open || least == most {
             return most;
         }
         particles_for(bins(self.samples(), self.config.map.square_size_m)).clamp(least, most)
     }
+}
 
-    /// True if so many draws are worth drawing survivors for.
-    fn is_too_few_or_many(&self, needed: u16) -> bool {
-        let (drawn, needed) = (u32::from(self.draws), u32::from(needed));
-        self.sample_count > self.particles_max() || drawn < needed || drawn > 2 * needed
+impl LowSlamConfigs {
+    /// Draws of a particle that stands for all, with room for `most`.
+    pub(super) fn draws_at_one_place(&self, most: u16) -> u16 {
+        if self.closes_loops { most } else { self.filter.particles_min.min(most) }
     }
 }
 

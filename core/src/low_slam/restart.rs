@@ -15,9 +15,9 @@ impl<const SIDE: usize> LowSlam<'_, SIDE> {
     pub fn restart_at(&mut self, map_from_robot: Pose2) {
         self.keep_one();
         self.map.clear();
-        self.draws = self.particles_max;
+        self.draws = self.config.draws_at_one_place(self.particles_max);
         if let Some(particle) = self.particles.first_mut() {
-            let (node, draws) = (particle.node, self.particles_max);
+            let (node, draws) = (particle.node, self.draws);
             *particle = Particle { map_from_robot, node, draws, weight: 1.0, ..Particle::default() };
         }
     }

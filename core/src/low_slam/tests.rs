@@ -216,11 +216,10 @@ fn few_particles_where_all_agree_and_all_of_them_where_an_axis_is_open() {
         slam.step(&as_sweep(&beams), &motion).unwrap()
     };
     let particles: Vec<usize> = (0..6).map(|i| step(i, None).particles).collect();
-    assert!(particles[2..].iter().all(|count| (1..=6).contains(count)), "{particles:?}");
+    assert!(particles.iter().all(|count| (1..=6).contains(count)), "{particles:?}");
     step(6, Some(Point2::new(1.0, 0.0)));
     assert_eq!(step(7, Some(Point2::new(1.0, 0.0))).samples, 40, "the next scan finds all of them");
-    let samples: Vec<usize> = (8..11).map(|i| step(i, None).samples).collect();
-    assert_eq!(samples[1..], [6; 2], "they are a few centimetres apart");
+    assert_eq!(step(8, None).samples, 40, "who is too many goes when weights tell who");
 }
 
 #[test]
