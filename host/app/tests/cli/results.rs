@@ -45,7 +45,8 @@ fn threads_change_nothing_and_particles_do() {
         let out = folder.path().join("out");
         (fs::read(out.join("trajectory.tum")).unwrap(), fs::read(out.join("map.pgm")).unwrap())
     };
-    let spread = ["--set", "motion.forward_m=0.01"];
+    // As many as are asked for, whether or not they are at different places.
+    let spread = ["--set", "motion.forward_m=0.01", "--set", "particles.particles_min=100"];
     let on = |threads| results(&[&["--particles", "30", "--threads", threads], &spread[..]].concat());
     let one = on("1");
     assert_eq!(one, on("2"));
