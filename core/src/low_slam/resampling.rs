@@ -25,7 +25,7 @@ const QUANTILE: f32 = 2.326;
 const WEIGHT_MIN: f32 = 0.1;
 /// Headings are of one bin if a wall so far away is drawn in the same squares, m. Chosen.
 const WALL_M: f32 = 10.0;
-/// Bins are told apart by so many bits of a hash; more are more particles than anybody keeps.
+/// Bins are told apart by so many bits of a hash. All of them ask for some 3,700 particles, the most that spread can ask for.
 const BINS: usize = 1024;
 
 impl<const SIDE: usize> LowSlam<'_, SIDE> {

@@ -61,6 +61,7 @@ fn who_goes_before_the_robot_is_not_map() {
     let kept = standing(2.0, &mut hits, [1.4, 0.8], [&escort; 2]);
     assert!((181 - 51..=181 - 40).contains(&kept), "{kept}");
 }
+
 /// He is where he was on his way there, and for one of the witnesses has stood.
 #[test]
 fn who_stands_is_map_and_who_turns_round_is_not() {
@@ -69,6 +70,7 @@ fn who_stands_is_map_and_who_turns_round_is_not() {
     assert_eq!(standing(2.0, &mut hits(), [1.0, 0.0], [&at(3.0), &at(4.0)]), 181);
     assert_eq!(standing(2.0, &mut hits(), [1.0, 0.0], [&at(4.0), &at(4.0)]), 181 - 11);
 }
+
 /// A corridor that ends nowhere: only he tells where the robot is in it.
 #[test]
 fn who_was_not_seen_there_may_walk_and_what_was_hidden_may_be_a_wall() {
@@ -84,6 +86,7 @@ fn who_was_not_seen_there_may_walk_and_what_was_hidden_may_be_a_wall() {
     assert_eq!(walking_at(3.0, &at(2.0)), 0, "hidden by what was nearer");
     assert_eq!(walking_at(3.0, &at(4.5)), 0, "he was there");
 }
+
 /// Some logs are written in bursts: scans of a second have stamps a millisecond apart.
 #[test]
 fn only_who_is_fast_for_half_a_metre_cannot_wait() {
