@@ -1,7 +1,6 @@
 //! How far a map is to be trusted: what the run noticed of itself, for `run.json` and in one plain sentence.
 
 use lrfslam_core::geometry::Point2;
-use lrfslam_core::time::Instant;
 use serde::Serialize;
 
 use crate::mapping::LowPose;
@@ -38,6 +37,40 @@ impl From<&LowPose> for Fit {
             (false, Some(_)) => Self::Undetermined,
             (false, None) => Self::Well,
         }
+    }
+}
+
+/// How each scan of a run agreed, in their order. Most agree as the one before does, and take no memory.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Fits {
+    /// So many scans in a row, and how they agreed.
+    runs: Vec<(usize, Fit)>,
+    scans: usize,
+}
+
+impl Fits {
+    /// Adds that of one more scan.
+    pub fn push(&mut self, fit: Fit) {
+        self.scans += 1;
+        match self.runs.last_mut() {
+            Some((scans, like)) if *like == fit => *scans += 1,
+            _ => self.runs.push((1, fit)),
+        }
+    }
+
+    /// Scans so far.
+    pub fn scans(&self) -> usize {
+        self.scans
+    }
+
+    /// Of the last scan.
+    pub fn last(&self) -> Option<Fit> {
+        self.runs.last().map(|(_, fit)| *fit)
+    }
+
+    /// Of all scans.
+    pub fn iter(&self) -> impl Iterator<Item = Fit> {
+        self.runs.iter().flat_map(|(scans, fit)| std::iter::repeat_n(*fit, *scans))
     }
 }
 
@@ -78,23 +111,24 @@ pub struct Quality {
 impl Quality {
     /// What a run noticed whose scans agreed with the map like this, in their order.
     ///
-    /// * `trajectory` — the pose of each of these scans
+    /// * `trajectory` — the poses of these scans, after those of a map made before
     /// * `high` — what the level that closes loops did, if there is one
     pub fn of(
-        fits: &[(Instant, Fit)],
+        fits: &Fits,
         trajectory: &[TimedPose],
         map_size_m: Option<[f64; 2]>,
         high: Option<&HighCounts>,
     ) -> Self {
-        let well = fits.iter().filter(|(_, fit)| *fit == Fit::Well).count();
+        let well = fits.iter().filter(|fit| *fit == Fit::Well).count();
+        let own = &trajectory[trajectory.len().saturating_sub(fits.scans())..];
         let mut quality = Self {
             path_m: path_length_m(trajectory),
             map_size_m,
             loops_closed: high.map(|high| high.closures),
             pieces_apart: high.map_or(0, |high| high.pieces_apart),
-            matched_well: well as f64 / fits.len().max(1) as f64,
-            lost: stretches(fits, trajectory, Fit::Lost),
-            undetermined: stretches(fits, trajectory, Fit::Undetermined),
+            matched_well: well as f64 / fits.scans().max(1) as f64,
+            lost: stretches(fits, own, Fit::Lost),
+            undetermined: stretches(fits, own, Fit::Undetermined),
             trust: String::new(),
         };
         quality.trust = trust(&quality);
@@ -116,16 +150,16 @@ fn path_length_m(path: &[TimedPose]) -> f64 {
 }
 
 /// Runs of scans that are `fit`, longest first.
-fn stretches(fits: &[(Instant, Fit)], path: &[TimedPose], fit: Fit) -> Vec<Stretch> {
-    let start = fits.first().map_or(Instant::default(), |(stamp, _)| *stamp);
+fn stretches(fits: &Fits, path: &[TimedPose], fit: Fit) -> Vec<Stretch> {
     let mut found: Vec<[usize; 3]> = Vec::new();
-    for (index, _) in fits.iter().enumerate().filter(|(_, scan)| scan.1 == fit) {
+    for (index, _) in fits.iter().enumerate().filter(|(_, scan)| *scan == fit) {
         match found.last_mut() {
             Some([_, last, count]) if index - *last <= GOOD_BETWEEN + 1 => (*last, *count) = (index, *count + 1),
             _ => found.push([index, index, 1]),
         }
     }
-    let seconds = |index: usize| fits[index].0.since(start).micros as f64 / 1e6;
+    let start = path.first().map(|pose| pose.stamp).unwrap_or_default();
+    let seconds = |index: usize| path.get(index).map_or(0.0, |pose| pose.stamp.since(start).micros as f64 / 1e6);
     let stretch = |[first, last, scans]: [usize; 3]| Stretch {
         from_s: seconds(first),
         to_s: seconds(last),
@@ -167,11 +201,15 @@ fn trust(quality: &Quality) -> String {
 mod tests {
     use super::*;
     use lrfslam_core::geometry::Pose2;
+    use lrfslam_core::time::Instant;
 
-    fn drive(fits: &[Fit]) -> (Vec<(Instant, Fit)>, Vec<TimedPose>) {
+    fn drive(of: &[Fit]) -> (Fits, Vec<TimedPose>) {
         let stamp = |i: usize| Instant::from_micros(7_000_000 + 500_000 * i as i64);
         let pose = |i: usize| TimedPose { stamp: stamp(i), map_from_robot: Pose2::new(0.25 * i as f32, 0.0, 0.0) };
-        (fits.iter().enumerate().map(|(i, fit)| (stamp(i), *fit)).collect(), (0..fits.len()).map(pose).collect())
+        let mut fits = Fits::default();
+        of.iter().for_each(|fit| fits.push(*fit));
+        assert!(fits.iter().eq(of.iter().copied()) && fits.scans() == of.len() && fits.last() == of.last().copied());
+        (fits, (0..of.len()).map(pose).collect())
     }
 
     #[test]
@@ -188,6 +226,19 @@ mod tests {
         let corridor = Stretch { from_s: 15.0, to_s: 24.5, scans: 20, path_m: 4.75 };
         assert_eq!(stretches(&fits, &path, Fit::Undetermined), [corridor]);
         assert_eq!(path_length_m(&path), 14.75);
+    }
+
+    #[test]
+    fn a_map_made_before_is_not_in_trouble() {
+        let (fits, path) = drive(&[Fit::Well, Fit::Lost, Fit::Lost, Fit::Well]);
+        let before = (0..9).map(|i| TimedPose {
+            stamp: Instant::from_micros(i),
+            map_from_robot: Pose2::new(100.0 * i as f32, 0.0, 0.0),
+        });
+        let path: Vec<_> = before.chain(path).collect();
+        let quality = Quality::of(&fits, &path, Some([5.0, 5.0]), None);
+        assert_eq!(quality.lost, [Stretch { from_s: 0.5, to_s: 1.0, scans: 2, path_m: 0.25 }]);
+        assert_eq!(quality.matched_well, 0.5);
     }
 
     #[test]

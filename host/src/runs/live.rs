@@ -5,7 +5,7 @@ use lrfslam_core::slam::StepReport;
 use lrfslam_core::sweep::Sweep;
 use nalgebra::Matrix3;
 
-use crate::mapping::high::{HighSlam, SegmentPose, Stretch};
+use crate::mapping::high::{HighSlam, SegmentPose, SegmentPoses, Stretch};
 use crate::monitor::{Batch, Cursor, Now, State};
 use crate::pose_f64::PoseF64;
 
@@ -19,9 +19,9 @@ pub(super) fn show_high(high: &HighSlam<'_>, is_old: bool, batch: &mut Batch, cu
     let last = batch.stretches.len() - 1;
     let mut beams = Vec::new();
     loop {
-        let poses = high.stretch_poses(cursor.stretch);
-        while let Some(pose) = poses.get(cursor.poses) {
-            if !batch.push(cursor, (cursor.stretch, pose, is_old), |scan| high.scans().sweep(scan, &mut beams)) {
+        let poses = high.stretch_poses(cursor.stretch).into_iter().flat_map(SegmentPoses::iter);
+        for pose in poses.skip(cursor.poses) {
+            if !batch.push(cursor, (cursor.stretch, &pose, is_old), |scan| high.scans().sweep(scan, &mut beams)) {
                 return;
             }
         }
@@ -45,12 +45,6 @@ pub(super) fn pose_on(
     scan: Option<u32>,
 ) -> SegmentPose {
     SegmentPose { stamp, start_from_robot, slack_m: 0.0, scan, is_lost }
-}
-
-/// Where the robot is by the latest pose of the last stretch, if there is any yet.
-pub(super) fn latest(stretches: &[Stretch], pose: Option<&SegmentPose>) -> Option<Pose2> {
-    let start_from_robot = pose.map_or(Pose2::IDENTITY, |pose| pose.start_from_robot);
-    Some(stretches.last()?.map_from_start.then(PoseF64::from(start_from_robot)).to_f32())
 }
 
 /// Hits of a scan, robot frame, m, where they lie in the middle of the sweep.

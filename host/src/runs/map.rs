@@ -32,7 +32,7 @@ use crate::robot::{RobotMap, Sweeps};
 use crate::runs::bag::RunBag;
 
 use crate::mapping::saved_map::{self, SavedMap};
-use crate::results::quality::Fit;
+use crate::results::quality::{Fit, Fits};
 use crate::results::report::BeamCounts;
 use crate::results::step_table::StepTable;
 use crate::scans::store::ScanStore;
@@ -81,7 +81,11 @@ pub struct Run<'m, L> {
     drawn: Vec<usize>,
     /// A robot's, until their poses come.
     sweeps: Sweeps,
+    /// Without a high level, which knows them itself.
     places: Vec<ScanPlace>,
+    fits: Fits,
+    /// Stamps of the first and the last scan.
+    ends: Option<[Instant; 2]>,
     steps: StepTable,
     map_from_step: Pose2,
     step_count: usize,
@@ -133,7 +137,7 @@ impl<'m> MapRun<'m> {
         self.odom_from_robot = self.odom_from_robot.then(self.moved);
         let sweep = Sweep { scan: *scan, robot_from_lrf, motion: step.odometry.motion };
         if let Some(filter) = &step.filter {
-            self.steps.add(scan.stamp, self.places.len(), filter, &times);
+            self.steps.add(scan.stamp, self.scans(), filter, &times);
             self.map_from_step = step.map_from_robot;
             self.step_count += 1;
         } else if !self.low.has_particles() && !step.odometry.is_lost {
@@ -226,7 +230,7 @@ impl Run<'_, RobotMap> {
             }
         }
         // To the robot's path every scan is a step.
-        let (step, fit) = (self.places.len(), Fit::from(&low));
+        let (step, fit) = (self.scans(), Fit::from(&low));
         let place = ScanPlace { stamp: pose.stamp, step, step_from_robot: Pose2::IDENTITY, fit };
         self.place(&sweep, &low, place, told.is_some())
     }
@@ -249,6 +253,8 @@ impl<'m, L: LowLevel> Run<'m, L> {
             drawn: Vec::new(),
             sweeps: Sweeps::default(),
             places: Vec::new(),
+            fits: Fits::default(),
+            ends: None,
             steps: StepTable::default(),
             map_from_step: Pose2::IDENTITY,
             step_count: 0,
@@ -278,11 +284,15 @@ impl<'m, L: LowLevel> Run<'m, L> {
             if let Some(low_pose) = taken {
                 high.low_goes_on_from(low_pose);
             }
-        } else if is_kept {
-            self.scans.add(sweep);
-            self.drawn.push(self.places.len());
+        } else {
+            if is_kept {
+                self.scans.add(sweep);
+                self.drawn.push(self.places.len());
+            }
+            self.places.push(place);
         }
-        self.places.push(place);
+        self.fits.push(place.fit);
+        self.ends = Some([self.ends.map_or(place.stamp, |[first, _]| first), place.stamp]);
         self.beams.add(&sweep.scan);
         Ok(())
     }
@@ -305,8 +315,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
         if let Some(high) = &self.high {
             return high.trajectory_with_trust().filter_map(|(pose, is_trusted)| is_trusted.then_some(pose)).collect();
         }
-        let fits = self.places.iter().map(|place| place.fit);
-        self.trajectory().into_iter().zip(fits).filter_map(|(pose, fit)| (fit != Fit::Lost).then_some(pose)).collect()
+        self.trajectory().into_iter().zip(self.fits.iter()).filter_map(|(pose, fit)| (fit != Fit::Lost).then_some(pose)).collect()
     }
 
     /// What the high level did so far, if there is one.
@@ -316,7 +325,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
 
     /// Scans mapped so far.
     pub fn scans(&self) -> usize {
-        self.places.len()
+        self.fits.scans()
     }
 }
 

@@ -11,11 +11,13 @@ use super::out::OutArgs;
 use super::shared::{ConfigArgs, LOG, SeedArgs, TRUTH, TellArgs, with_folder};
 use super::{Failure, interrupt_flag};
 use lrfslam_host::output::write_file;
+use lrfslam_host::results::report::Ending;
+use lrfslam_host::runs::map::About;
 use lrfslam_host::runs::scans::Scans;
 use lrfslam_host::trajectory::read_trajectory;
-use lrfslam_lab::experiment::{endurance_csv, endurance_markdown, plot_endurance, run_endurance};
+use lrfslam_lab::experiment::{LongDrive, endurance_csv, endurance_markdown, plot_endurance, run_endurance};
 
-/// Does it keep working? Maps a long log once, and tells time, memory and error hour after hour.
+/// Does it keep working? Maps a long log once, and tells time, memory, sizes of files and error hour after hour.
 ///
 /// On one thread, as fast as it can. Writes endurance.csv, a line for each stretch, endurance.md and endurance.svg; Ctrl-C ends
 /// it early, with those of the stretches so far.
@@ -41,12 +43,18 @@ pub(super) struct EnduranceArgs {
 pub(super) fn run(args: &EnduranceArgs) -> Result<(), Failure> {
     let stop = interrupt_flag().map_err(Failure::start)?;
     let config = args.config.load()?;
-    let scans = Scans::open(&args.log, config.log_options(), stop, args.tell.sayer()).map_err(Failure::Start)?;
+    let mut scans = Scans::open(&args.log, config.log_options(), stop, args.tell.sayer()).map_err(Failure::Start)?;
     let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
     let mut folder = args.out.folder("endurance")?;
     let every = Duration::from_millis(1000 * args.stretch_s);
-    let mapping = (&config.mapping(), config.robot_from_lrf());
-    let stretches = run_endurance(mapping, args.seed.seed, scans, &truth, every, |stretch| {
+    let drive = LongDrive {
+        config: &config.mapping(),
+        robot_from_lrf: config.robot_from_lrf(),
+        seed: args.seed.seed,
+        every,
+        about: About { config, source: scans.source(false), odometry: false, ending: Ending::Running, fault: None },
+    };
+    let stretches = run_endurance(&drive, scans, &truth, |stretch| {
         args.tell.say(&format!(
             "{:.0} s: {} scans, half of them in less than {:.1} ms, 99.9 % in less than {:.1} ms; {:.0} MB",
             stretch.until_s,

@@ -4,6 +4,7 @@
 //! them: matching, particles, closures, drawing anew. Of the path only poses that the run believes are judged.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::{Duration, Instant};
@@ -16,12 +17,15 @@ use crate::evaluation::alignment;
 use lrfslam_host::mapping::MappingConfig;
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::results::report::resident_memory_bytes;
-use lrfslam_host::runs::map::{MapRun, RunMemory};
+use lrfslam_host::runs::map::{About, MapRun, RunMemory};
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_host::trajectory::TimedPose;
 
 /// True and estimated poses belong together if they are no farther apart.
 const TOLERANCE: Duration = Duration::from_millis(20);
+
+/// Files with a line for each scan or step.
+const PATH_FILES: [&str; 2] = ["trajectory.tum", "steps.csv"];
 
 /// A panel of the figure: its title and its value.
 type Panel = (&'static str, fn(&Stretch) -> f64);
@@ -41,6 +45,10 @@ pub struct Stretch {
     pub longest_ms: f64,
     /// Memory of the process at its end, bytes; 0 where the system does not tell.
     pub memory_bytes: u64,
+    /// Trajectory and steps as they are written at its end, which have a line for each, bytes; …
+    pub path_bytes: u64,
+    /// … and all other results, bytes.
+    pub map_bytes: u64,
     /// Scans kept at its end.
     pub scans_kept: u64,
     /// Closures at its end.
@@ -53,36 +61,57 @@ pub struct Stretch {
     pub judged: usize,
 }
 
-/// Maps `scans` once and judges the path by `truth`, in stretches of `every`.
+/// How a long log is mapped.
+#[derive(Debug)]
+pub struct LongDrive<'a, C> {
+    /// How scans are mapped.
+    pub config: &'a MappingConfig,
+    /// Where the laser sits on the robot, if a scan does not say.
+    pub robot_from_lrf: Pose2,
+    /// Of the random numbers.
+    pub seed: u64,
+    /// Length of a stretch.
+    pub every: Duration,
+    /// After each stretch the results are written as a run's are, for their sizes; what is not known to it comes from here.
+    pub about: About<C>,
+}
+
+/// Maps `scans` once and judges the path by `truth`, stretch after stretch.
 ///
 /// # Errors
-/// If a scan cannot be read or is too large, or no pose has a partner in `truth`.
-pub fn run_endurance(
-    (config, robot_from_lrf): (&MappingConfig, Pose2),
-    seed: u64,
+/// If a scan cannot be read or is too large, a file cannot be written, or no pose has a partner in `truth`.
+pub fn run_endurance<C: Serialize + Clone>(
+    drive: &LongDrive<'_, C>,
     scans: impl Iterator<Item = anyhow::Result<LogScan>>,
     truth: &[TimedPose],
-    every: Duration,
     mut say: impl FnMut(&Stretch),
 ) -> anyhow::Result<Vec<Stretch>> {
-    let mut memory = RunMemory::new(config, 1);
-    let mut run = MapRun::new(config, seed, &mut memory)?;
-    let (mut stretches, mut times_ms) = (Vec::new(), Vec::new());
+    let (every, results) = (drive.every, tempfile::tempdir()?);
+    let mut memory = RunMemory::new(drive.config, 1);
+    let mut run = MapRun::new(drive.config, drive.seed, &mut memory)?;
+    let (mut stretches, mut times_ms): (Vec<Stretch>, _) = (Vec::new(), Vec::new());
+    let mut close = |stretches: &mut Vec<Stretch>, times_ms: &mut Vec<f64>, run: &mut MapRun<'_>, until| {
+        let stretch = stretch(times_ms, run, until, (results.path(), &drive.about))?;
+        say(&stretch);
+        stretches.push(stretch);
+        times_ms.clear();
+        anyhow::Ok(())
+    };
     let mut first: Option<Instant> = None;
     let mut last = Instant::default();
     for scan in scans {
         let scan = scan?;
         let began = *first.get_or_insert(scan.stamp);
         if scan.stamp.since(began).micros >= every.micros * (stretches.len() as i64 + 1) {
-            close(&mut stretches, &mut times_ms, &run, last.since(began), &mut say);
+            close(&mut stretches, &mut times_ms, &mut run, last.since(began))?;
         }
         last = scan.stamp;
         let before_ms = thread_ms();
-        run.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or(robot_from_lrf), None)?;
+        run.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or(drive.robot_from_lrf), None)?;
         times_ms.push(thread_ms() - before_ms);
     }
     let began = first.unwrap_or_default();
-    close(&mut stretches, &mut times_ms, &run, last.since(began), &mut say);
+    close(&mut stretches, &mut times_ms, &mut run, last.since(began))?;
     judge(&mut stretches, &run.trusted_trajectory(), truth, (began, every))?;
     Ok(stretches)
 }
@@ -93,31 +122,37 @@ fn thread_ms() -> f64 {
     1e3 * time.tv_sec as f64 + 1e-6 * time.tv_nsec as f64
 }
 
-/// Writes down what the last stretch cost.
-fn close(
-    stretches: &mut Vec<Stretch>,
-    times_ms: &mut Vec<f64>,
-    run: &MapRun<'_>,
+/// What the last stretch cost.
+fn stretch<C: Serialize + Clone>(
+    times_ms: &mut [f64],
+    run: &mut MapRun<'_>,
     until: Duration,
-    say: &mut impl FnMut(&Stretch),
-) {
+    (folder, about): (&Path, &About<C>),
+) -> anyhow::Result<Stretch> {
     times_ms.sort_by(f64::total_cmp);
     let share = |share: f64| times_ms.get((share * times_ms.len() as f64) as usize).copied().unwrap_or_default();
     let counts = run.high_counts().unwrap_or_default();
-    let stretch = Stretch {
+    let memory_bytes = resident_memory_bytes().unwrap_or_default();
+    run.write_into(folder, about)?;
+    let (mut path_bytes, mut map_bytes) = (0, 0);
+    for file in folder.read_dir()? {
+        let (file, bytes) = file.and_then(|file| Ok((file.file_name(), file.metadata()?.len())))?;
+        let is_path = PATH_FILES.iter().any(|name| file == *name);
+        *(if is_path { &mut path_bytes } else { &mut map_bytes }) += bytes;
+    }
+    Ok(Stretch {
         until_s: f64::from(until.as_secs_f32()),
         scans: times_ms.len(),
         p50_ms: share(0.5),
         p999_ms: share(0.999),
         longest_ms: times_ms.last().copied().unwrap_or_default(),
-        memory_bytes: resident_memory_bytes().unwrap_or_default(),
+        memory_bytes,
+        path_bytes,
+        map_bytes,
         scans_kept: counts.scans_kept,
         closures: counts.closures,
         ..Stretch::default()
-    };
-    say(&stretch);
-    stretches.push(stretch);
-    times_ms.clear();
+    })
 }
 
 /// Adds the errors, all of the path being aligned at once.
@@ -157,15 +192,15 @@ fn judge(
 /// A line for each stretch.
 pub fn endurance_csv(stretches: &[Stretch]) -> String {
     let mut text = String::from(
-        "until_s,scans,p50_ms,p999_ms,longest_ms,memory_bytes,scans_kept,closures,rmse_m,worst_m,judged\n",
+        "until_s,scans,p50_ms,p999_ms,longest_ms,memory_bytes,path_bytes,map_bytes,scans_kept,closures,rmse_m,worst_m,judged\n",
     );
     for stretch in stretches {
         let Stretch { until_s, scans, p50_ms, p999_ms, longest_ms, .. } = stretch;
-        let Stretch { memory_bytes, scans_kept, closures, rmse_m, worst_m, judged, .. } = stretch;
+        let Stretch { memory_bytes, path_bytes, map_bytes, scans_kept, closures, rmse_m, worst_m, judged, .. } = stretch;
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{until_s:.1},{scans},{p50_ms:.3},{p999_ms:.3},{longest_ms:.3},{memory_bytes},{scans_kept},{closures},\
+            "{until_s:.1},{scans},{p50_ms:.3},{p999_ms:.3},{longest_ms:.3},{memory_bytes},{path_bytes},{map_bytes},{scans_kept},{closures},\
              {rmse_m:.4},{worst_m:.4},{judged}"
         );
     }
@@ -175,19 +210,21 @@ pub fn endurance_csv(stretches: &[Stretch]) -> String {
 /// The same as a table in Markdown.
 pub fn endurance_markdown(stretches: &[Stretch]) -> String {
     let mut text = String::from(
-        "| hours | scans | median, ms | 99.9 %, ms | longest, ms | memory, MB | scans kept | closures | RMSE, m | worst, m |\n\
-         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+        "| hours | scans | median, ms | 99.9 %, ms | longest, ms | memory, MB | map files, MB | path files, MB | scans kept | closures | RMSE, m | worst, m |\n\
+         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
     );
     for stretch in stretches {
         let _ = writeln!(
             text,
-            "| {:.2} | {} | {:.1} | {:.1} | {:.0} | {:.0} | {} | {} | {:.3} | {:.2} |",
+            "| {:.2} | {} | {:.1} | {:.1} | {:.0} | {:.0} | {:.1} | {:.1} | {} | {} | {:.3} | {:.2} |",
             stretch.until_s / 3600.0,
             stretch.scans,
             stretch.p50_ms,
             stretch.p999_ms,
             stretch.longest_ms,
             stretch.memory_bytes as f64 / 1e6,
+            stretch.map_bytes as f64 / 1e6,
+            stretch.path_bytes as f64 / 1e6,
             stretch.scans_kept,
             stretch.closures,
             stretch.rmse_m,
@@ -197,23 +234,25 @@ pub fn endurance_markdown(stretches: &[Stretch]) -> String {
     text
 }
 
-/// Time, memory and error over the hours, as SVG.
+/// Time, memory, files and error over the hours, as SVG.
 ///
 /// # Errors
 /// If drawing fails.
 pub fn plot_endurance(stretches: &[Stretch]) -> Result<String, PlotError> {
-    let panels: [Panel; 4] = [
+    let panels: [Panel; 6] = [
         ("median time of a scan, ms", |s| s.p50_ms),
         ("99.9 % of the scans take less, ms", |s| s.p999_ms),
         ("memory, MB", |s| s.memory_bytes as f64 / 1e6),
+        ("files of the map, MB", |s| s.map_bytes as f64 / 1e6),
+        ("files of the path, MB", |s| s.path_bytes as f64 / 1e6),
         ("RMSE of the positions, m", |s| s.rmse_m),
     ];
     let hours = stretches.last().map_or(1.0, |stretch| stretch.until_s / 3600.0).max(1e-3);
     let mut svg = String::new();
     {
-        let root = SVGBackend::with_string(&mut svg, (760, 460)).into_drawing_area();
+        let root = SVGBackend::with_string(&mut svg, (760, 690)).into_drawing_area();
         root.fill(&WHITE)?;
-        for (area, (name, of)) in root.split_evenly((2, 2)).iter().zip(panels) {
+        for (area, (name, of)) in root.split_evenly((3, 2)).iter().zip(panels) {
             let top = 1.15 * stretches.iter().map(of).fold(1e-3, f64::max);
             let mut chart = ChartBuilder::on(area)
                 .margin(8)

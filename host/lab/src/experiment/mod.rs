@@ -19,7 +19,7 @@ mod plots;
 mod starts;
 mod sweep;
 
-pub use endurance::{Stretch, endurance_csv, endurance_markdown, plot_endurance, run_endurance};
+pub use endurance::{LongDrive, Stretch, endurance_csv, endurance_markdown, plot_endurance, run_endurance};
 pub use envelope::{
     Degradation, ENVELOPE_ROWS, EnvelopeRow, EnvelopeRun, degrade, envelope_csv, envelope_markdown, plot_envelope,
     run_envelope,

@@ -133,13 +133,12 @@ impl HighSlam<'_> {
         let nodes = self.graph.nodes();
         let is_near = |k: &usize| nodes[*k].between(nodes[newer]).distance_m() <= SEGMENTS_APART_M;
         let known = |k: &usize| hung.contains(k) && hung.contains(&(k + 1));
-        let has_scans = |k: &usize| self.segments[*k].has_scans();
+        let has_scans = |k: &usize| self.segments[*k].poses.have_scans();
         let seen: Vec<usize> = (0..newer).filter(|k| is_near(k) && known(k) && has_scans(k)).collect();
         for segment in seen {
             let later: Vec<usize> = (segment + 1..=newer).collect();
             if self.is_known(segment, &later, NEWER_VISITS) {
-                let scans = self.segments[segment].poses.iter_mut().filter_map(|pose| pose.scan.take());
-                self.forgotten.extend(scans);
+                self.forgotten.extend(self.segments[segment].poses.take_scans());
             }
         }
         self.forget_unless_drawn();

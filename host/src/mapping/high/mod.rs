@@ -15,6 +15,7 @@ mod known;
 mod particles;
 mod pieces;
 mod placing;
+mod poses;
 mod saved;
 mod segment;
 mod watched;
@@ -28,6 +29,7 @@ use serde::Serialize;
 
 pub use particles::{HighParticles, filter_config};
 pub use saved::{SavedPath, SavedPathError};
+pub use poses::SegmentPoses;
 pub use segment::SegmentPose;
 pub(crate) use segment::drift_variances;
 pub use watched::Stretch;
@@ -237,7 +239,7 @@ impl<'m> HighSlam<'m> {
     /// Makes the open segment a node of the graph.
     fn close_segment(&mut self) {
         let mut segment = std::mem::replace(&mut self.open, Segment::empty());
-        segment.poses.shrink_to_fit();
+        segment.poses.close();
         let end = segment.start_from_end;
         self.kept = self.kept.map(|kept| end.to_f32().between(kept));
         let start = self.segments.len();

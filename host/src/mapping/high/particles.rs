@@ -83,7 +83,7 @@ impl<'m> HighParticles<'m> {
     /// If a scan has more beams than there is memory for.
     pub fn add(&mut self, segment: &Segment, scans: &ScanStore) -> Result<Vec<PoseF64>, RayCapacityError> {
         let (step_m, step_rad) = (SCAN_STEP_M, SCAN_STEP_DEG.to_radians());
-        let kept = segment.poses.iter().filter_map(|pose| Some((pose.start_from_robot, pose.scan?)));
+        let kept = segment.poses.with_scans().map(|(pose, scan)| (pose.start_from_robot, scan));
         let mut stretch = SegmentScans { kept: apart(kept, step_m, step_rad).collect(), scans, beams: Vec::new() };
         let end = segment.start_from_end;
         let (windows, drift) = (&mut *self.windows, self.drift);

@@ -102,7 +102,7 @@ impl HighSlam<'_> {
     /// The robot may be anywhere: it goes on with an empty map.
     pub(super) fn begin_piece(&mut self) -> Correction {
         let known = self.open.poses.len().saturating_sub(self.pieces.doubted);
-        self.open.poses[known..].iter_mut().for_each(|pose| pose.is_lost = true);
+        self.open.poses.doubt_from(known);
         if !self.open.poses.is_empty() {
             self.close_segment();
         }

@@ -3,7 +3,7 @@
 use lrfslam_core::geometry::Pose2;
 
 use super::HighSlam;
-use super::segment::{SegmentPose, TRAVEL_M};
+use super::segment::{Segment, SegmentPose, TRAVEL_M};
 use crate::maps::occupancy::OccupancyMap;
 use crate::places::closing::Closure;
 use crate::places::correlation::SearchWindow;
@@ -80,19 +80,29 @@ impl HighSlam<'_> {
     }
 
     /// Poses of segment `k` in the map: what the graph has moved its end by is spread along its way.
-    fn placed(&self, k: usize) -> impl Iterator<Item = (PoseF64, &SegmentPose)> {
-        let segment = self.segments.get(k).unwrap_or(&self.open);
+    fn placed(&self, k: usize) -> impl Iterator<Item = (PoseF64, SegmentPose)> {
+        let place = self.place_of(k);
+        self.segment(k).poses.iter().map(move |pose| (place(&pose), pose))
+    }
+
+    fn segment(&self, k: usize) -> &Segment {
+        self.segments.get(k).unwrap_or(&self.open)
+    }
+
+    /// Where a pose of segment `k` lies.
+    fn place_of(&self, k: usize) -> impl Fn(&SegmentPose) -> PoseF64 + use<> {
+        let segment = self.segment(k);
         let start = self.graph.nodes()[k];
         let open_end = start.then(segment.start_from_end);
         let end = self.graph.nodes().get(k + 1).copied().unwrap_or(open_end);
         let (dx, dy, turn) = (end.x - open_end.x, end.y - open_end.y, wrap(end.heading - open_end.heading));
         let length = f64::from(segment.slack_m).max(1e-6);
-        segment.poses.iter().map(move |pose| {
+        move |pose| {
             let rigid = start.then(PoseF64::from(pose.start_from_robot));
             let share = f64::from(pose.slack_m) / length;
             let heading = wrap(rigid.heading + share * turn);
-            (PoseF64::new(rigid.x + share * dx, rigid.y + share * dy, heading), pose)
-        })
+            PoseF64::new(rigid.x + share * dx, rigid.y + share * dy, heading)
+        }
     }
 
     /// Every scan's pose, as it is known now.
@@ -142,15 +152,20 @@ impl HighSlam<'_> {
     }
 
     pub(super) fn scans_of(&self, k: usize) -> impl Iterator<Item = (Pose2, u32)> {
-        self.placed(k).filter_map(|(pose, of)| Some((pose.to_f32(), of.scan?)))
+        self.placed_scans_of(k).map(|(pose, scan)| (pose.to_f32(), scan))
+    }
+
+    fn placed_scans_of(&self, k: usize) -> impl Iterator<Item = (PoseF64, u32)> {
+        let place = self.place_of(k);
+        self.segment(k).poses.with_scans().map(move |(pose, scan)| (place(&pose), scan))
     }
 
     /// The map of some segments about the node at the start of segment `node`, in that node's frame.
     pub(super) fn submap(&self, segments: std::ops::RangeInclusive<usize>, node: usize) -> Submap {
         let node_from_map = self.graph.nodes()[node];
         let scans = segments
-            .flat_map(|k| self.placed(k))
-            .filter_map(|(pose, of)| Some((node_from_map.between(pose).to_f32(), of.scan?)));
+            .flat_map(|k| self.placed_scans_of(k))
+            .map(|(pose, scan)| (node_from_map.between(pose).to_f32(), scan));
         let apart = apart(scans, SUBMAP_STEP_M, SUBMAP_STEP_RAD);
         Submap::new(apart, &self.scans, self.config.closure.range_max_m)
     }

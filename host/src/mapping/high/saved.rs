@@ -244,8 +244,8 @@ impl SavedSegment {
 
 impl From<&Segment> for SavedSegment {
     fn from(segment: &Segment) -> Self {
-        let pose = |pose: &SegmentPose| {
-            let SegmentPose { stamp, start_from_robot, slack_m, scan, is_lost } = *pose;
+        let pose = |pose: SegmentPose| {
+            let SegmentPose { stamp, start_from_robot, slack_m, scan, is_lost } = pose;
             SavedPose { stamp, start_from_robot, slack_m, scan, is_lost }
         };
         Self {

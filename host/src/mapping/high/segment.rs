@@ -8,6 +8,7 @@ use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::time::Instant;
 use nalgebra::{Matrix2, Matrix3, Vector2};
 
+use super::poses::SegmentPoses;
 use crate::pose_f64::PoseF64;
 
 /// Travel after which a segment ends, m. The original: 40 scans at least 5 cm apart.
@@ -75,7 +76,7 @@ pub struct SegmentPose {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
     /// Poses after the start, in order; the first segment begins with the start itself.
-    pub poses: Vec<SegmentPose>,
+    pub poses: SegmentPoses,
     /// The end seen from the start.
     pub start_from_end: PoseF64,
     /// Covariance of (x, y, heading) of that; m², m rad, rad².
@@ -92,7 +93,7 @@ impl Segment {
     /// Nothing yet.
     pub fn empty() -> Self {
         Self {
-            poses: Vec::new(),
+            poses: SegmentPoses::default(),
             start_from_end: PoseF64::default(),
             covariance: Matrix3::zeros(),
             travel_m: 0.0,
@@ -122,11 +123,6 @@ impl Segment {
     /// True if it has gone as far as a segment should.
     pub fn is_complete(&self) -> bool {
         self.travel_m >= TRAVEL_M || self.rotation_rad >= ROTATION_DEG.to_radians()
-    }
-
-    /// True if scans of it are still stored.
-    pub(super) fn has_scans(&self) -> bool {
-        self.poses.iter().any(|pose| pose.scan.is_some())
     }
 
     /// The covariance after one more step: Σ' = F Σ Fᵀ + Q, all in the start's axes.
@@ -179,7 +175,7 @@ mod tests {
         }
         assert_eq!((steps, segment.poses.len()), (8, 8));
         let end = (0..8).fold(Pose2::IDENTITY, |pose, _| pose * Pose2::new(0.5, 0.0, 0.1));
-        let error = segment.poses[7].start_from_robot.between(end);
+        let error = segment.poses.last().unwrap().start_from_robot.between(end);
         assert!(error.position().norm() < 1e-5 && error.heading.abs() < 1e-5);
     }
 

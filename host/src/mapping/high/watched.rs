@@ -2,8 +2,10 @@
 //!
 //! Nothing is computed that is not asked for, and nothing changes by being asked.
 
+use lrfslam_core::geometry::Pose2;
+
 use super::HighSlam;
-use super::segment::SegmentPose;
+use super::poses::SegmentPoses;
 use crate::pose_f64::{PoseF64, wrap};
 
 /// Where a stretch of path lies now.
@@ -33,9 +35,16 @@ impl HighSlam<'_> {
     }
 
     /// Poses of stretch `k`, in order; none past the last stretch.
-    pub fn stretch_poses(&self, k: usize) -> &[SegmentPose] {
+    pub fn stretch_poses(&self, k: usize) -> Option<&SegmentPoses> {
         let open = (k == self.segments.len()).then_some(&self.open);
-        self.segments.get(k).or(open).map_or(&[], |segment| &segment.poses)
+        self.segments.get(k).or(open).map(|segment| &segment.poses)
+    }
+
+    /// Where the robot is by the last scan.
+    pub fn map_from_robot(&self) -> Pose2 {
+        let start = self.graph.nodes()[self.segments.len()];
+        let start_from_robot = self.open.poses.last().map_or(Pose2::IDENTITY, |pose| pose.start_from_robot);
+        start.then(PoseF64::from(start_from_robot)).to_f32()
     }
 
     /// Closures that are believed now: the starts of two stretches each.

@@ -60,8 +60,7 @@ impl<L: LowLevel> Run<'_, L> {
             write_picture(&folder.join("map.png"), &raster, &trajectory, &notes)?;
         }
         let size_m = raster.map(|raster| [raster.width, raster.height].map(|side| side as f64 * raster.pixel_size_m));
-        let fits: Vec<_> = self.places.iter().map(|place| (place.stamp, place.fit)).collect();
-        let quality = Quality::of(&fits, &trajectory, size_m, self.high_counts().as_ref());
+        let quality = Quality::of(&self.fits, &trajectory, size_m, self.high_counts().as_ref());
         self.steps.write(&folder.join("steps.csv"))?;
         write_trajectory(&folder.join("trajectory.tum"), &self.trusted_trajectory())?;
         saved.write(folder).with_context(|| cannot_write(&folder.join(saved_map::FILE_NAME)))?;
@@ -130,13 +129,12 @@ impl<L: LowLevel> Run<'_, L> {
     }
 
     fn cost(&self) -> Cost {
-        let ends = self.places.first().zip(self.places.last());
         let wall_s = self.working.as_secs_f64();
         Cost {
-            scans: self.places.len() as u64,
+            scans: self.scans() as u64,
             wall_s,
-            scans_per_s: self.places.len() as f64 / wall_s.max(1e-6),
-            driven_s: ends.map_or(0.0, |(first, last)| last.stamp.since(first.stamp).micros as f64 / 1e6),
+            scans_per_s: self.scans() as f64 / wall_s.max(1e-6),
+            driven_s: self.ends.map_or(0.0, |[first, last]| last.since(first).micros as f64 / 1e6),
             peak_memory_bytes: peak_memory_bytes(),
         }
     }

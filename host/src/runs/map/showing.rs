@@ -14,7 +14,7 @@ use crate::mapping::mapper::Mapper;
 use crate::monitor::{Batch, Counts, Cursor, Feed, Health, Now, State};
 use crate::results::quality::Fit;
 use crate::robot::RobotMap;
-use crate::runs::live::{latest, now_of_step, pose_on, show_high, spread, stiff};
+use crate::runs::live::{now_of_step, pose_on, show_high, spread, stiff};
 
 /// What a run does not know of itself.
 #[derive(Debug, Clone, Copy, Default)]
@@ -74,11 +74,11 @@ impl<L: LowLevel> Run<'_, L> {
         let map_from_robot = match &self.high {
             Some(high) => {
                 show_high(high, false, &mut batch, &mut cursor);
-                latest(&batch.stretches, high.stretch_poses(batch.stretches.len() - 1).last())
+                Some(high.map_from_robot())
             }
             None => self.show_low(&mut batch, &mut cursor),
         };
-        if !self.places.is_empty() {
+        if self.scans() > 0 {
             let now = now(&self.low).unwrap_or_else(|| self.now_of_path(map_from_robot));
             batch.now =
                 Some(Now { map_from_robot, counts: self.watched_counts(beside), ..beside.with(now, self.working) });
@@ -88,17 +88,15 @@ impl<L: LowLevel> Run<'_, L> {
 
     /// Of what was known already, for those who come when no scan does.
     fn now_of_path(&self, map_from_robot: Option<Pose2>) -> Now {
-        let last = self.places.last();
-        let stamp = last.map_or(Instant::default(), |place| place.stamp);
-        let is_lost = last.is_some_and(|place| place.fit == Fit::Lost);
-        let state = if is_lost { State::Lost } else { State::Tracking };
+        let stamp = self.ends.map_or(Instant::default(), |[_, last]| last);
+        let state = if self.fits.last() == Some(Fit::Lost) { State::Lost } else { State::Tracking };
         Now { stamp, state, low_from_robot: map_from_robot.unwrap_or_default(), ..Now::default() }
     }
 
     fn watched_counts(&self, beside: Beside) -> Counts {
         let high = self.high_counts().unwrap_or_default();
         Counts {
-            scans: self.places.len() as u64 + beside.scans,
+            scans: self.scans() as u64 + beside.scans,
             lost_scans: self.low.counts().lost_scans,
             closures: high.closures,
             pieces_apart: high.pieces_apart,

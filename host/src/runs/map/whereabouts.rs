@@ -6,8 +6,9 @@ use nalgebra::Matrix3;
 
 use super::MapRun;
 use crate::mapping::LowLevel as _;
+use crate::mapping::high::HighSlam;
 use crate::pose_f64::PoseF64;
-use crate::runs::live::{latest, spread};
+use crate::runs::live::spread;
 
 /// Where the robot is by the map, and by its laser odometry alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,13 +28,9 @@ pub struct Whereabouts {
 impl MapRun<'_> {
     /// Where the robot is after the `step` that was taken last.
     pub fn whereabouts(&self, step: &StepReport) -> Whereabouts {
-        let of_high = self.high.as_ref().and_then(|high| {
-            let stretches: Vec<_> = high.stretches().collect();
-            latest(&stretches, high.stretch_poses(stretches.len().saturating_sub(1)).last())
-        });
         let matched = &step.odometry.matched;
         Whereabouts {
-            map_from_robot: of_high.unwrap_or(step.map_from_robot),
+            map_from_robot: self.high.as_ref().map_or(step.map_from_robot, HighSlam::map_from_robot),
             covariance: matched.covariance + spread(&self.low.particles()),
             odom_from_robot: self.odom_from_robot,
             moved: self.moved,
