@@ -113,12 +113,7 @@ impl Quality {
     ///
     /// * `trajectory` — the poses of these scans, after those of a map made before
     /// * `high` — what the level that closes loops did, if there is one
-    pub fn of(
-        fits: &Fits,
-        trajectory: &[TimedPose],
-        map_size_m: Option<[f64; 2]>,
-        high: Option<&HighCounts>,
-    ) -> Self {
+    pub fn of(fits: &Fits, trajectory: &[TimedPose], map_size_m: Option<[f64; 2]>, high: Option<&HighCounts>) -> Self {
         let well = fits.iter().filter(|fit| *fit == Fit::Well).count();
         let own = &trajectory[trajectory.len().saturating_sub(fits.scans())..];
         let mut quality = Self {

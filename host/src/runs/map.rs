@@ -315,7 +315,11 @@ impl<'m, L: LowLevel> Run<'m, L> {
         if let Some(high) = &self.high {
             return high.trajectory_with_trust().filter_map(|(pose, is_trusted)| is_trusted.then_some(pose)).collect();
         }
-        self.trajectory().into_iter().zip(self.fits.iter()).filter_map(|(pose, fit)| (fit != Fit::Lost).then_some(pose)).collect()
+        self.trajectory()
+            .into_iter()
+            .zip(self.fits.iter())
+            .filter_map(|(pose, fit)| (fit != Fit::Lost).then_some(pose))
+            .collect()
     }
 
     /// What the high level did so far, if there is one.

@@ -196,7 +196,8 @@ pub fn endurance_csv(stretches: &[Stretch]) -> String {
     );
     for stretch in stretches {
         let Stretch { until_s, scans, p50_ms, p999_ms, longest_ms, .. } = stretch;
-        let Stretch { memory_bytes, path_bytes, map_bytes, scans_kept, closures, rmse_m, worst_m, judged, .. } = stretch;
+        let Stretch { memory_bytes, path_bytes, map_bytes, scans_kept, closures, rmse_m, worst_m, judged, .. } =
+            stretch;
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,

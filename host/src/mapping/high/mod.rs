@@ -28,8 +28,8 @@ use nalgebra::Matrix3;
 use serde::Serialize;
 
 pub use particles::{HighParticles, filter_config};
-pub use saved::{SavedPath, SavedPathError};
 pub use poses::SegmentPoses;
+pub use saved::{SavedPath, SavedPathError};
 pub use segment::SegmentPose;
 pub(crate) use segment::drift_variances;
 pub use watched::Stretch;

@@ -166,9 +166,12 @@ mod tests {
         poses.close();
         assert!(poses.poses.is_empty());
         let doubted: Vec<bool> = poses.iter().map(|pose| pose.is_lost).collect();
-        assert_eq!(doubted, [5, 8, 9].iter().fold(vec![false; 10], |mut all, k| {
-            all[*k] = true;
-            all
-        }));
+        assert_eq!(
+            doubted,
+            [5, 8, 9].iter().fold(vec![false; 10], |mut all, k| {
+                all[*k] = true;
+                all
+            })
+        );
     }
 }
