@@ -22,6 +22,8 @@ const WEAKEN_SHARE: u16 = 32;
 const EIGENVALUE_RATIO_MIN: f32 = 0.001;
 /// An axis of a distribution with this standard deviation, or less, says all about its direction that an axis can, m.
 pub(crate) const SHARP_M: f32 = 0.04;
+/// A wall that goes through the whole cell may seem to go so much farther, cells. Chosen.
+const CHORD_OFF: f32 = 0.1;
 
 /// A signed integer of three bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -168,12 +170,25 @@ impl Gaussian {
         let (half_trace, half_difference) = (0.5 * (xx + yy), 0.5 * (xx - yy));
         let radius = libm::sqrtf(half_difference * half_difference + xy * xy);
         let (noise, sharp) = (config.noise_m / config.cell_size_m, SHARP_M / config.cell_size_m);
-        let even_spread = 1.0 / 12.0 + noise * noise;
-        let worth = |information: f32| (sharp * sharp * (information - 1.0 / even_spread)).clamp(0.0, 1.0);
-        let (normal, along) = (worth(half_trace + radius), worth(half_trace - radius));
-        let (mean, spread) = (0.5 * (normal + along), 0.5 * (normal - along));
+        let worth = |information: f32, whole: f32| {
+            let even_spread = whole * whole * (1.0 / 12.0) + noise * noise;
+            (sharp * sharp * (information - 1.0 / even_spread)).clamp(0.0, 1.0)
+        };
         let (cos2, sin2) = if radius > 0.0 { (half_difference / radius, xy / radius) } else { (1.0, 0.0) };
+        let (normal, along) = (worth(half_trace + radius, 1.0), worth(half_trace - radius, self.chord(cos2, sin2)));
+        let (mean, spread) = (0.5 * (normal + along), 0.5 * (normal - along));
         [mean + spread * cos2, spread * sin2, mean - spread * cos2]
+    }
+
+    /// How long the cell cuts a wall through its mean, cells, but for what the mean may be off; the wall's normal has the direction (cos 2a, sin 2a).
+    fn chord(&self, cos2: f32, sin2: f32) -> f32 {
+        let [x, y] = self.mean();
+        // Mirrored, so that the wall goes up to the right.
+        let y = if sin2 > 0.0 { -y } else { y };
+        let (right, up) = (libm::sqrtf((0.5 - 0.5 * cos2).max(0.0)), libm::sqrtf((0.5 + 0.5 * cos2).max(0.0)));
+        let forward = ((0.5 - x) / right).min((0.5 - y) / up);
+        let back = ((0.5 + x) / right).min((0.5 + y) / up);
+        (forward + back - CHORD_OFF).max(0.0)
     }
 }
 

@@ -246,6 +246,27 @@ fn corridor_constrains_across_and_a_corner_both_ways() {
     assert!(xx > 0.2 && yy > 0.2, "{xx} {yy}");
 }
 
+/// Cells cut a wall that stands across them into pieces, of which the short ones are no features.
+#[test]
+fn a_bare_corridor_says_nothing_along_itself_however_it_lies_in_the_grid() {
+    let mut rng = crate::random::RandomStream::new(1, 0, 0);
+    for degrees in [0, 3, 8, 15, 20, 30, 38, 45] {
+        let turned = Pose2::new(0.0, 0.0, (degrees as f32).to_radians());
+        let mut hit = |x: f32, y: f32| turned.transform(Point2::new(x, y + 0.01 * crate::math::normal(&mut rng)));
+        let corridor: Vec<_> =
+            (0..200).flat_map(|i| [-1.0, 1.0].map(|y| hit(0.05 * i as f32 - 5.0, y + 0.13))).collect();
+        for cell_size_m in [0.3, 0.5] {
+            let mut memory = Memory::new(160);
+            let mut grid = memory.grid(&NdtConfig { cell_size_m, grids: 4, ..SINGLE });
+            grid.insert(&corridor, Pose2::IDENTITY);
+            let [xx, xy, yy] = grid.constraint(&corridor, Pose2::IDENTITY);
+            let along = 0.5 * (xx + yy) - (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();
+            println!("{degrees} {cell_size_m} {along}");
+            assert!(along < 0.02, "{degrees} degrees, cells of {cell_size_m} m: {along}");
+        }
+    }
+}
+
 #[test]
 fn what_a_scene_says_does_not_depend_on_how_sharp_the_cells_are() {
     let corridor: Vec<_> =
