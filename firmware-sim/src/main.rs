@@ -41,8 +41,7 @@ enum Command {
 }
 
 /// Help of `--world`.
-const WORLD: &str =
-    "Where it is: room, floor, office, demo, corridor, loop, maze, small-maze, a world file, or the YAML of a ROS map";
+const WORLD: &str = "Where it is: room, floor, office, demo, corridor, loop, ring, maze, small-maze, reflectors, a world file, or the YAML of a ROS map";
 
 /// A laser on a pseudo-terminal.
 #[derive(Debug, Args)]

@@ -20,13 +20,14 @@ use crate::world::ros_map::{RosMapError, add_map};
 use crate::world::wall::{Corridor, Room, Wall};
 
 /// The worlds that come with the program: name, what it is, and its file.
-pub const LIBRARY: [(&str, &str, &str); 9] = [
+pub const LIBRARY: [(&str, &str, &str); 10] = [
     ("room", "a room of 6 m by 4 m, the robot turning slowly within", include_str!("../worlds/room.toml")),
     ("floor", "a small floor of rooms and a corridor: the example log", include_str!("../worlds/floor.toml")),
     ("office", "an office floor of 36 m by 24 m whose corridors close loops", include_str!("../worlds/office.toml")),
     ("demo", "the office floor with a shorter drive and a laser that tilts", include_str!("../worlds/demo.toml")),
     ("corridor", "a corridor of 60 m", include_str!("../worlds/corridor.toml")),
     ("loop", "a loop of 60 m by 40 m, as in figure 3.11 of the thesis", include_str!("../worlds/loop.toml")),
+    ("ring", "a ring of bare corridor, 300 m round", include_str!("../worlds/ring.toml")),
     ("maze", "a maze of thin walls seen from both sides", include_str!("../worlds/maze.toml")),
     ("small-maze", "a maze of ways 1 m wide", include_str!("../worlds/small-maze.toml")),
     ("reflectors", "a hall of 24 m by 16 m with reflectors on posts", include_str!("../worlds/reflectors.toml")),

@@ -140,7 +140,7 @@ impl<'m> Finder<'m> {
             latest.map(|station| (local_from_robot.between(station.local_from_robot), station.scan));
         let query = Submap::new(robot_from_stations, &self.scans, self.range_max_m);
         let LocalizeConfig { likelihood_min, second_share_max, .. } = self.config;
-        let effort = Effort { likelihood_min, points: SEARCH_POINTS, second_share_max };
+        let effort = Effort { likelihood_min, points: SEARCH_POINTS, second_share_max, second_misfits_min: None };
         let found = self.closer.find_on(grid, &query, map.walls(), window, effort)?;
         found.weak_axis.is_none().then_some(found.pose)
     }

@@ -35,8 +35,12 @@ lrfslam_core::config! {
 const ON_WALLS_MIN: f32 = 0.6;
 /// Share of points in known places that may stand in free space: chosen.
 const CONTRADICTING_MAX: f32 = 0.1;
-/// A second pose with this share of the best one's score is a doubt: chosen.
+/// A second pose with this share of the best one's score is a doubt …
 const SECOND_SHARE_MAX: f32 = 0.85;
+/// … unless so many times more of the points fit nowhere there, …
+const SECOND_MISFITS_MIN: f32 = 2.0;
+/// … and so many more, as a share of all: nearly all of a corridor's points fit everywhere along it. All three chosen.
+const SECOND_MISFITS_MORE: f32 = 0.05;
 /// Points of the submap that are used.
 const QUERY_POINTS: usize = 300;
 /// A second pose so far from the best one, m …
@@ -110,9 +114,36 @@ pub struct Effort {
     pub likelihood_min: f32,
     /// Points that are used.
     pub points: usize,
-    /// A second pose with this share of the best one's score is a doubt.
+    /// A second pose with this share of the best one's score is a doubt …
     pub second_share_max: f32,
+    /// … unless so many times more of the points fit nowhere there; `None`: even then.
+    pub second_misfits_min: Option<f32>,
 }
+
+impl Effort {
+    /// The best pose of `query` in the window, if there is no other one nearly as good.
+    fn search(&self, grid: &CorrelationGrid, query: &[Point2], window: &SearchWindow) -> Option<Pose2> {
+        let points: Vec<Point2> = thinned(query, self.points);
+        let best = grid.search(&points, window, self.likelihood_min, None)?;
+        let excluded = Excluded { pose: best.pose, distance_m: SECOND_APART_M, heading_rad: SECOND_APART_RAD };
+        let second = grid.search(&points, window, self.doubt_from(best.share), Some(excluded));
+        second.is_none().then_some(best.pose)
+    }
+
+    /// The mean likelihood from which on a second pose is a doubt about the best one, which has the likelihood `best`.
+    fn doubt_from(&self, best: f32) -> f32 {
+        let by_misfits = |times: f32| (1.0 - times * (1.0 - best)).min(best - SECOND_MISFITS_MORE);
+        (self.second_share_max * best).max(self.second_misfits_min.map_or(0.0, by_misfits))
+    }
+}
+
+/// How hard a place is searched for to close a loop.
+const CLOSING: Effort = Effort {
+    likelihood_min: 0.5 * ON_WALLS_MIN,
+    points: QUERY_POINTS,
+    second_share_max: SECOND_SHARE_MAX,
+    second_misfits_min: Some(SECOND_MISFITS_MIN),
+};
 
 /// Tiles along the side of the directory of a place's NDT.
 const DIRECTORY_SIDE: usize = 256;
@@ -141,9 +172,7 @@ impl Closer {
     /// Finds `query` in `place`; its pose there, if nothing speaks against it.
     pub fn find(&mut self, query: &Submap, place: &Submap, window: &SearchWindow) -> Option<Place> {
         let grid = CorrelationGrid::new(place.points())?;
-        let effort =
-            Effort { likelihood_min: 0.5 * ON_WALLS_MIN, points: QUERY_POINTS, second_share_max: SECOND_SHARE_MAX };
-        self.find_on(&grid, query, place, window, effort)
+        self.find_on(&grid, query, place, window, CLOSING)
     }
 
     /// The same; `grid` is that of `place`, for one that is searched more than once.
@@ -155,20 +184,11 @@ impl Closer {
         window: &SearchWindow,
         effort: Effort,
     ) -> Option<Place> {
-        let coarse = self.search(grid, query, window, effort)?;
+        let coarse = effort.search(grid, query.points(), window)?;
         let found = self.refine(query, place, coarse)?;
         let near = coarse.between(found.pose);
         let is_near = near.position().norm() < REFINED_WITHIN_M && near.heading.abs() < REFINED_WITHIN_RAD;
         (is_near && self.agree(query, place, found.pose)).then_some(found)
-    }
-
-    /// The best pose of the window, if there is no other one nearly as good.
-    fn search(&self, grid: &CorrelationGrid, query: &Submap, window: &SearchWindow, effort: Effort) -> Option<Pose2> {
-        let points: Vec<Point2> = thinned(query.points(), effort.points);
-        let best = grid.search(&points, window, effort.likelihood_min, None)?;
-        let excluded = Excluded { pose: best.pose, distance_m: SECOND_APART_M, heading_rad: SECOND_APART_RAD };
-        let second = grid.search(&points, window, effort.second_share_max * best.share, Some(excluded));
-        second.is_none().then_some(best.pose)
     }
 
     /// The optimum of the NDT near `coarse`, if something is known about every axis.
@@ -239,4 +259,47 @@ fn discrepancy(a: &Closure, b: &Closure, nodes: &[PoseF64]) -> PoseF64 {
 /// Every n-th point, so that about `count` are left.
 fn thinned(points: &[Point2], count: usize) -> Vec<Point2> {
     points.iter().copied().step_by((points.len() / count).max(1)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use lrfslam_core::math::normal;
+    use lrfslam_core::random::RandomStream;
+
+    use super::*;
+
+    /// The walls of a corridor of 40 m along x, with recesses 0.3 m deep and 1 m wide at `doors` to both sides; every point is off by a centimetre or two.
+    fn corridor(doors: &[f32], seed: u64) -> Vec<Point2> {
+        let mut rng = RandomStream::new(seed, 0, 0);
+        let mut off = || 0.015 * normal(&mut rng);
+        let wall = |x: f32| if doors.iter().any(|door| (x - door).abs() < 0.5) { 1.75 } else { 1.45 };
+        (0..400)
+            .map(|i| 0.1 * i as f32)
+            .flat_map(|x| [(x, wall(x)), (x, -wall(x))])
+            .map(|(x, y)| Point2::new(x + off(), y + off()))
+            .collect()
+    }
+
+    /// Where the stretch from 14 to 26 m, seen again, is searched from 1 m beside; its frame is at 20 m.
+    fn found(effort: Effort, doors: &[f32]) -> Option<Pose2> {
+        let again = corridor(doors, 2).into_iter().filter(|point| (14.0..26.0).contains(&point.x));
+        let query: Vec<Point2> = again.map(|point| point - Point2::new(20.0, 0.0)).collect();
+        let window = SearchWindow { centre: Pose2::new(21.0, 0.0, 0.0), distance_m: 8.0, heading_rad: 0.1 };
+        effort.search(&CorrelationGrid::new(&corridor(doors, 1)).unwrap(), &query, &window)
+    }
+
+    #[test]
+    fn a_door_tells_where_in_a_corridor() {
+        let pose = found(CLOSING, &[16.0, 19.0, 23.5]).expect("nowhere else are there doors so far apart");
+        assert!((pose.x - 20.0).abs() < 0.15 && pose.y.abs() < 0.1, "{pose:?}");
+        let by_share = Effort { second_misfits_min: None, ..CLOSING };
+        assert!(found(by_share, &[16.0, 19.0, 23.5]).is_none(), "bare walls fit everywhere");
+    }
+
+    #[test]
+    fn a_bare_corridor_and_doors_all_alike_do_not() {
+        assert!(found(CLOSING, &[]).is_none());
+        let alike: Vec<f32> = (0..14).map(|i| 3.0 * i as f32).collect();
+        assert!(found(CLOSING, &alike).is_none());
+    }
 }

@@ -27,7 +27,7 @@ const MAP_SHARE: f32 = 0.2;
 /// Scans so far apart, m, or so far turned, rad, tell where the walls are.
 const WALLS_APART: (f32, f32) = (0.2, 0.1);
 /// How a piece is searched for among others; as a robot is in a saved map.
-const EFFORT: Effort = Effort { likelihood_min: 0.5, points: 200, second_share_max: 0.85 };
+const EFFORT: Effort = Effort { likelihood_min: 0.5, points: 200, second_share_max: 0.85, second_misfits_min: None };
 
 /// Which piece every node belongs to, and whether the robot is about to begin another one.
 #[derive(Debug, Default)]
