@@ -47,17 +47,16 @@ impl TimedPose {
 /// Poses in order of time, each time once, as tools that read TUM files want them.
 ///
 /// * `poses` — in the order of their scans; of several with the same time the last is kept
-pub fn by_time(poses: &[TimedPose]) -> Vec<TimedPose> {
-    let mut sorted = poses.to_vec();
-    sorted.sort_by_key(|pose| pose.stamp);
-    sorted.dedup_by(|later, kept| {
+pub fn by_time(mut poses: Vec<TimedPose>) -> Vec<TimedPose> {
+    poses.sort_by_key(|pose| pose.stamp);
+    poses.dedup_by(|later, kept| {
         let repeats = later.stamp == kept.stamp;
         if repeats {
             *kept = *later;
         }
         repeats
     });
-    sorted
+    poses
 }
 
 /// Scans in their own order with the pose of each; what [`by_time`] has left out is left out.
@@ -77,8 +76,9 @@ pub fn with_poses(scans: Vec<LogScan>, poses: &[TimedPose]) -> (Vec<LogScan>, Ve
 ///
 /// # Errors
 /// If it cannot be written; it is named.
-pub fn write_trajectory(file: &Path, poses: &[TimedPose]) -> anyhow::Result<()> {
-    save_by(file, |out| by_time(poses).iter().try_for_each(|pose| pose.write_tum(out)))
+pub fn write_trajectory(file: &Path, poses: Vec<TimedPose>) -> anyhow::Result<()> {
+    let poses = by_time(poses);
+    save_by(file, |out| poses.iter().try_for_each(|pose| pose.write_tum(out)))
 }
 
 /// Reads a trajectory: TUM's eight columns or `t x y θ`, plain or gzip, `#` comments.
@@ -142,8 +142,8 @@ mod tests {
     #[test]
     fn times_that_run_backwards_or_repeat_come_sorted_and_once() {
         let poses = [pose(10, 0.0), pose(30, 1.0), pose(20, 2.0), pose(30, 3.0), pose(20, 4.0), pose(20, 5.0)];
-        assert_eq!(by_time(&poses), [pose(10, 0.0), pose(20, 5.0), pose(30, 3.0)]);
-        assert!(by_time(&[]).is_empty());
+        assert_eq!(by_time(poses.to_vec()), [pose(10, 0.0), pose(20, 5.0), pose(30, 3.0)]);
+        assert!(by_time(Vec::new()).is_empty());
     }
 
     #[test]

@@ -108,8 +108,8 @@ impl LandmarkReport {
 /// If a file cannot be written; it is named.
 pub fn write(folder: &Path, drive: &Drive, run: &LandmarkRun, report: &LandmarkReport) -> anyhow::Result<()> {
     let estimate = &run.estimate;
-    write_trajectory(&folder.join("trajectory.tum"), estimate.best_path())?;
-    write_trajectory(&folder.join("online.tum"), &estimate.online)?;
+    write_trajectory(&folder.join("trajectory.tum"), estimate.best_path().to_vec())?;
+    write_trajectory(&folder.join("online.tum"), estimate.online.clone())?;
     save_by(&folder.join("landmarks.csv"), |out| {
         writeln!(out, "identity,x_m,y_m,xx_m2,xy_m2,yy_m2,sightings")?;
         for landmark in &estimate.landmarks {

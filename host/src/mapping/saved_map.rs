@@ -4,7 +4,7 @@
 //! the program's version, the configuration as TOML, the scans kept (ranges to 0.1 mm, bearings to 10 µrad), their path and its pose graph.
 #![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
-use std::io::{Read as _, Write as _};
+use std::io::{BufWriter, IntoInnerError, Read as _};
 use std::path::{Path, PathBuf};
 
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -27,27 +27,21 @@ const VERSION: u16 = 4;
 const HEADER: usize = 8 + 2 + 8 + 4;
 /// More than this is no map of ours, bytes unpacked: four days of driving.
 const UNPACKED_MAX: u64 = 1 << 32;
+/// Bytes that are packed at once.
+const PACKED_AT_ONCE: usize = 1 << 16;
 const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// A saved map.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SavedMap {
+/// A saved map; one that is written need not own its parts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SavedMap<P = SavedPath, S = ScanStore> {
     /// Version of the program that made it.
     pub program: String,
     /// The configuration it was made with, as TOML: whatever the program that made it calls so.
     pub config: String,
     /// The path of its scans.
-    pub path: SavedPath,
+    pub path: P,
     /// The scans.
-    pub scans: ScanStore,
-}
-
-#[derive(Serialize, Deserialize)]
-struct Content<S, P> {
-    program: String,
-    config: String,
-    path: P,
-    scans: S,
+    pub scans: S,
 }
 
 /// Why there is no saved map to be had.
@@ -83,23 +77,34 @@ pub enum SavedMapError {
     Content(PathBuf, String),
 }
 
-impl SavedMap {
-    /// What is to be saved of `high`, which was made with `config`, in TOML.
-    pub fn new(config: String, high: &HighSlam<'_>) -> Self {
-        let (path, scans) = (high.saved(), high.scans().clone());
-        Self { program: Program::THIS.version.to_owned(), config, path, scans }
-    }
+/// What is to be saved of `high`, which was made with `config`, in TOML; it is read while it is written.
+pub fn map_of<'h>(config: String, high: &'h HighSlam<'_>) -> SavedMap<impl Serialize + 'h, &'h ScanStore> {
+    SavedMap { program: Program::THIS.version.to_owned(), config, path: high.saved(), scans: high.scans() }
+}
 
+impl<P: Serialize, S: Serialize> SavedMap<P, S> {
     /// Writes it into `folder`.
     ///
     /// # Errors
     /// If it cannot be written.
     pub fn write(&self, folder: &Path) -> anyhow::Result<()> {
-        let (program, config) = (self.program.clone(), self.config.clone());
-        let content = Content { program, config, path: &self.path, scans: &self.scans };
-        Ok(write_file(&folder.join(FILE_NAME), &pack(&postcard::to_stdvec(&content)?)?)?)
+        Ok(write_file(&folder.join(FILE_NAME), &self.packed()?)?)
     }
 
+    /// The file with it.
+    fn packed(&self) -> anyhow::Result<Vec<u8>> {
+        let packer = GzEncoder::new(vec![0; HEADER], Compression::default());
+        let packer = postcard::to_io(self, BufWriter::with_capacity(PACKED_AT_ONCE, packer))?;
+        let mut bytes = packer.into_inner().map_err(IntoInnerError::into_error)?.finish()?;
+        let (header, packed) = bytes.split_at_mut(HEADER);
+        let (version, length, crc) = (VERSION, packed.len() as u64, CRC32.checksum(packed));
+        let parts = [&MAGIC[..], &version.to_le_bytes(), &length.to_le_bytes(), &crc.to_le_bytes()];
+        header.copy_from_slice(&parts.concat());
+        Ok(bytes)
+    }
+}
+
+impl SavedMap {
     /// Reads the one in `folder`.
     ///
     /// # Errors
@@ -112,10 +117,7 @@ impl SavedMap {
         })?;
         let damaged = |why: String| SavedMapError::Content(file.clone(), why);
         let content = unpack(packed_part(&file, &bytes)?).map_err(damaged)?;
-        let content: Content<ScanStore, SavedPath> =
-            postcard::from_bytes(&content).map_err(|error| damaged(error.to_string()))?;
-        let Content { program, config, path, scans } = content;
-        Ok(Self { program, config, path, scans })
+        postcard::from_bytes(&content).map_err(|error| damaged(error.to_string()))
     }
 
     /// The high level that was saved, with its scans.
@@ -125,18 +127,6 @@ impl SavedMap {
     pub fn high_slam(&self, config: &HighConfigs) -> Result<HighSlam<'static>, SavedPathError> {
         HighSlam::restored(config, &self.path, self.scans.clone())
     }
-}
-
-/// The file with this content.
-fn pack(content: &[u8]) -> std::io::Result<Vec<u8>> {
-    let mut packer = GzEncoder::new(vec![0; HEADER], Compression::default());
-    packer.write_all(content)?;
-    let mut bytes = packer.finish()?;
-    let (header, packed) = bytes.split_at_mut(HEADER);
-    let (version, length, crc) = (VERSION, packed.len() as u64, CRC32.checksum(packed));
-    let parts = [&MAGIC[..], &version.to_le_bytes(), &length.to_le_bytes(), &crc.to_le_bytes()];
-    header.copy_from_slice(&parts.concat());
-    Ok(bytes)
 }
 
 /// What the header covers, if it is as the header says.
@@ -198,7 +188,8 @@ mod tests {
             let low = LowPose { map_from_robot, undetermined: None, is_lost: false, is_blind: false, is_frozen: false };
             high.add_scan(&Sweep::at_rest(scan, Pose2::new(0.1, 0.0, 0.0)), &low).unwrap();
         }
-        SavedMap::new("[map]\ncell_size_m = 0.05\n".to_owned(), &high)
+        let written = map_of("[map]\ncell_size_m = 0.05\n".to_owned(), &high).packed().unwrap();
+        postcard::from_bytes(&unpack(&written[HEADER..]).unwrap()).unwrap()
     }
 
     fn written() -> (tempfile::TempDir, PathBuf, Vec<u8>) {
@@ -289,8 +280,7 @@ mod tests {
         assert!(known.path == map.path && bytes(&known) == bytes(&map), "{raise}\n{:?}\n{:?}", known.path, map.path);
         let file = folder.join(FILE_NAME);
         let content = unpack(packed_part(&file, &std::fs::read(&file).unwrap()).unwrap()).unwrap();
-        let again = Content { program: map.program, config: map.config, path: &map.path, scans: &map.scans };
-        assert!(postcard::to_stdvec(&again).unwrap() == content, "{raise}");
+        assert!(postcard::to_stdvec(&map).unwrap() == content, "{raise}");
     }
 
     proptest! {

@@ -193,7 +193,7 @@ impl<'m> LocalizeRun<'m> {
         let report = describe(self.localizer.counts(), after);
         // Poses from a start that the laser never confirmed are none.
         let path = if after.is_some() { &self.path[..] } else { &[] };
-        write_trajectory(&folder.join("trajectory.tum"), path)?;
+        write_trajectory(&folder.join("trajectory.tum"), path.to_vec())?;
         save_file(&folder.join("localization.csv"), self.table.as_bytes())?;
         save_json(&folder.join("run.json"), &report)?;
         // The path over the map that it was found in.

@@ -4,7 +4,7 @@ use lrfslam_core::geometry::Pose2;
 use lrfslam_core::rays::RayCapacityError;
 use lrfslam_core::time::Instant;
 use nalgebra::{Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 use super::pieces::Pieces;
 use super::placing::ReferenceState;
@@ -23,16 +23,27 @@ const START_SIGMA_RAD: f64 = 0.035;
 
 /// A path with its graph, as it is saved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SavedPath {
+pub struct SavedPath<S = Vec<SavedSegment>, N = Vec<[f64; 3]>, E = Vec<SavedEdge>> {
     /// Complete segments, and the open one last.
-    segments: Vec<SavedSegment>,
+    segments: S,
     /// Where they start.
-    nodes: Vec<[f64; 3]>,
-    edges: Vec<SavedEdge>,
+    nodes: N,
+    edges: E,
 }
 
+/// A sequence that is made while it is written.
+#[derive(Debug, Clone)]
+struct Each<I>(I);
+
+impl<I: Iterator<Item: Serialize> + Clone> Serialize for Each<I> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.0.clone())
+    }
+}
+
+/// A stretch of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct SavedSegment {
+pub struct SavedSegment {
     poses: Vec<SavedPose>,
     end: [f64; 3],
     covariance: [f64; 9],
@@ -49,8 +60,9 @@ struct SavedPose {
     is_lost: bool,
 }
 
+/// What is known between two nodes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct SavedEdge {
+pub struct SavedEdge {
     from: u32,
     to: u32,
     from_to: [f64; 3],
@@ -84,8 +96,8 @@ pub enum SavedPathError {
 }
 
 impl HighSlam<'_> {
-    /// Its state, but for the scans.
-    pub fn saved(&self) -> SavedPath {
+    /// Its state, but for the scans: a [`SavedPath`] that is made while it is written, as that of a day takes 20 MB.
+    pub(crate) fn saved(&self) -> impl Serialize {
         let edge = |edge: &Edge| SavedEdge {
             from: edge.from as u32,
             to: edge.to as u32,
@@ -94,9 +106,9 @@ impl HighSlam<'_> {
             is_closure: edge.is_closure,
         };
         SavedPath {
-            segments: self.segments.iter().chain([&self.open]).map(SavedSegment::from).collect(),
-            nodes: self.graph.nodes().iter().copied().map(numbers).collect(),
-            edges: self.graph.edges().iter().map(edge).collect(),
+            segments: Each(self.segments.iter().chain([&self.open]).map(SavedSegment::from)),
+            nodes: Each(self.graph.nodes().iter().copied().map(numbers)),
+            edges: Each(self.graph.edges().iter().map(edge)),
         }
     }
 

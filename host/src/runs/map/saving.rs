@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::Run;
 use crate::mapping::LowLevel;
 use crate::mapping::high::HighSlam;
-use crate::mapping::saved_map::{self, SavedMap};
+use crate::mapping::saved_map::{self, map_of};
 use crate::maps::io::{PGM_SIDE_MAX, write_map};
 use crate::maps::occupancy::{OccupancyMap, Raster};
 use crate::maps::picture::{PictureNotes, write_picture};
@@ -48,7 +48,6 @@ impl<L: LowLevel> Run<'_, L> {
         let started = WallInstant::now();
         let trajectory = self.trajectory();
         let map = self.drawn(&trajectory);
-        let saved = self.saved_map(&trajectory, toml::to_string(&about.config)?)?;
         // Without a known cell there is nothing to draw; the report says how many beams hit.
         let raster = map.raster(PGM_SIDE_MAX);
         if let Some(raster) = &raster {
@@ -62,8 +61,10 @@ impl<L: LowLevel> Run<'_, L> {
         let size_m = raster.map(|raster| [raster.width, raster.height].map(|side| side as f64 * raster.pixel_size_m));
         let quality = Quality::of(&self.fits, &trajectory, size_m, self.high_counts().as_ref());
         self.steps.write(&folder.join("steps.csv"))?;
-        write_trajectory(&folder.join("trajectory.tum"), &self.trusted_trajectory())?;
-        saved.write(folder).with_context(|| cannot_write(&folder.join(saved_map::FILE_NAME)))?;
+        self.save_map(folder, &trajectory, toml::to_string(&about.config)?)
+            .with_context(|| cannot_write(&folder.join(saved_map::FILE_NAME)))?;
+        drop(trajectory);
+        write_trajectory(&folder.join("trajectory.tum"), self.trusted_trajectory())?;
         self.working += started.elapsed();
         let report = self.report(about, quality);
         save_json(&folder.join("run.json"), &report)?;
@@ -75,10 +76,10 @@ impl<L: LowLevel> Run<'_, L> {
         self.drawn(&self.trajectory()).raster(PGM_SIDE_MAX)
     }
 
-    /// All that is needed to draw the map again.
-    fn saved_map(&self, trajectory: &[TimedPose], config: String) -> anyhow::Result<SavedMap> {
+    /// Writes all that is needed to draw the map again.
+    fn save_map(&self, folder: &Path, trajectory: &[TimedPose], config: String) -> anyhow::Result<()> {
         if let Some(high) = &self.high {
-            return Ok(SavedMap::new(config, high));
+            return map_of(config, high).write(folder);
         }
         let mut scans = vec![None; trajectory.len()];
         for (scan, place) in self.drawn.iter().enumerate() {
@@ -86,7 +87,7 @@ impl<L: LowLevel> Run<'_, L> {
         }
         let path = trajectory.iter().copied().zip(scans);
         let high = HighSlam::of_path(&self.config.high_slam(), path, self.scans.clone())?;
-        Ok(SavedMap::new(config, &high))
+        map_of(config, &high).write(folder)
     }
 
     /// The kept scans, drawn from the path of the highest level.

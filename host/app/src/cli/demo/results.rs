@@ -90,7 +90,7 @@ fn truth(robot: &SimulatedRobot, scans: &[LogScan]) -> Vec<TimedPose> {
         map_from_robot: robot.pose(scan.stamp + scan.middle()).to_f32(),
     };
     let in_order_of_scans: Vec<TimedPose> = scans.iter().map(|kept| pose(kept.scan())).collect();
-    by_time(&in_order_of_scans)
+    by_time(in_order_of_scans)
 }
 
 /// `path` in a frame in which its own is at `motion`.

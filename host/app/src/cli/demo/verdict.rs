@@ -55,7 +55,7 @@ fn worst(poses: &[TimedPose], truth: &[TimedPose]) -> String {
     let error_m = |(pose, truth): &(&TimedPose, &TimedPose)| {
         PoseF64::from(truth.map_from_robot).between(pose.map_from_robot.into()).distance_m()
     };
-    let truth = by_time(truth);
+    let truth = by_time(truth.to_vec());
     let pairs = poses.iter().filter_map(|pose| {
         let after = truth.partition_point(|true_pose| true_pose.stamp < pose.stamp);
         let about = truth[after.saturating_sub(1)..].iter().take(2);
