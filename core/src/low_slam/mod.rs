@@ -271,7 +271,9 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         }
         let mut report = FilterReport::default();
         self.predict(motion); // "predict, using motion model + particles t−1"
-        for index in 0..stretch.len() {
+        // Departure: where an axis is open nothing is weighed. Particles that lag see more of what they know, and would win.
+        let weighed = if motion.is_open() && !self.config.closes_loops { 0 } else { stretch.len() };
+        for index in 0..weighed {
             self.take_again(stretch, index)?;
             let frame = self.frame();
             self.weigh(frame, &mut weigh); // "weigh out, using perception model + low map t−1": eq. (3.39)

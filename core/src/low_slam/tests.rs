@@ -222,6 +222,26 @@ fn few_particles_where_all_agree_and_all_of_them_where_an_axis_is_open() {
     assert_eq!(step(8, None).samples, 40, "who is too many goes when weights tell who");
 }
 
+/// Particles that have gone less far see more of what they know: weights would draw the robot back, step by step.
+#[test]
+fn an_open_axis_is_not_weighed() {
+    let mut memory = Memory::new(40, 40, 8000);
+    let mut slam = LowSlam::new(&configs(40), 5, memory.lend()).unwrap();
+    let mut size_after = |step: u32, undetermined| {
+        let beams = scan_at(Pose2::IDENTITY, step);
+        let matched = MatchedMotion { previous_from_robot: Pose2::new(0.05, 0.0, 0.0), undetermined };
+        let config = ScanMatchingMotionConfig { undetermined_m: 0.1, ..ScanMatchingMotionConfig::default() };
+        slam.step(&as_sweep(&beams), &ScanMatchingMotion::new(&config, &matched)).unwrap().effective_sample_size
+    };
+    size_after(0, None);
+    for step in 1..8 {
+        let size = size_after(step, Some(Point2::new(1.0, 0.0)));
+        assert!((size - 40.0).abs() < 0.01, "{size}");
+    }
+    let size = size_after(8, None);
+    assert!(size < 30.0, "what the scene tells then counts: {size}");
+}
+
 #[test]
 fn resampling_after_every_scan_keeps_all_draws_and_no_weight() {
     let mut config = configs(30);

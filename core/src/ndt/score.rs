@@ -226,8 +226,8 @@ impl NdtGrid<'_> {
     /// How much the matched points say about each direction: Σ s (w_n n nᵀ + w_t t tᵀ) / Σ s as (xx, xy, yy).
     ///
     /// n and t are the axes of a cell's distribution and w their worth, 1 for an axis of 4 cm or less, whatever `noise_m` adds to it, and 0
-    /// for one as wide as points spread evenly over the cell: a wall speaks for its normal only, however finely the cells
-    /// cut it up, a pillar for both axes. A small eigenvalue means that the scene leaves its axis undetermined.
+    /// for one as wide as points spread evenly over the cell, or over what the cell cuts from a wall: a wall speaks for its normal only,
+    /// however it lies and however finely the cells cut it up, a pillar for both axes. A small eigenvalue means that the scene leaves its axis undetermined.
     // One copy for all who ask: flash is dear on a small robot.
     #[inline(never)]
     pub fn constraint(&self, points: &[Point2], map_from_robot: Pose2) -> [f32; 3] {
