@@ -194,18 +194,15 @@ impl Command {
                 b"" => Err(Status::TOO_SHORT),
                 _ => Err(Status::code(1)),
             },
-            b"SS" if arguments.len() < 6 => Err(Status::TOO_SHORT),
-            b"SS" => number(arguments).map(Command::BitRate).ok_or(Status::code(1)),
-            b"CR" if arguments.len() < 2 => Err(Status::TOO_SHORT),
-            b"CR" => number(arguments).and_then(narrow).map(Command::MotorSpeed).ok_or(Status::code(1)),
+            b"SS" => only_argument::<6>(arguments).map(Command::BitRate),
+            b"CR" => only_argument::<2>(arguments).map(|speed| Command::MotorSpeed(speed as u8)),
             b"HS" => match arguments {
                 b"0" => Ok(Command::Sensitivity(false)),
                 b"1" => Ok(Command::Sensitivity(true)),
                 b"" => Err(Status::TOO_SHORT),
                 _ => Err(Status::code(1)),
             },
-            b"DB" if arguments.len() < 2 => Err(Status::TOO_SHORT),
-            b"DB" => number(arguments).and_then(narrow).map(Command::Malfunction).ok_or(Status::code(1)),
+            b"DB" => only_argument::<2>(arguments).map(|malfunction| Command::Malfunction(malfunction as u8)),
             _ => Err(Status::UNDEFINED),
         }
     }
@@ -290,6 +287,15 @@ fn digits<const N: usize>(value: u32) -> [u8; N] {
         rest /= 10;
     }
     text
+}
+
+/// The number of `N` digits that is a command's only argument.
+fn only_argument<const N: usize>(arguments: &[u8]) -> Result<u32, Status> {
+    match arguments.len() {
+        length if length < N => Err(Status::TOO_SHORT),
+        length if length > N => Err(Status::UNDEFINED_1),
+        _ => number(arguments).ok_or(Status::code(1)),
+    }
 }
 
 /// A non-empty run of up to nine decimal digits.

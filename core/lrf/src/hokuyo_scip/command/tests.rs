@@ -76,6 +76,9 @@ fn wrong_commands_get_the_status_of_the_manual() {
         ("MD0044072501x00", Status::code(6)),
         ("MD00440725010x0", Status::code(7)),
         ("SS01920x", Status::code(1)),
+        ("SS100000000", Status::UNDEFINED_1),
+        ("CR255", Status::UNDEFINED_1),
+        ("DB100", Status::UNDEFINED_1),
         ("TM7", Status::code(1)),
     ] {
         assert_eq!(Command::parse(line.as_bytes()), Err(status), "{line}");
