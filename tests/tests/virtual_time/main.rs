@@ -1,6 +1,7 @@
 //! Both ends together, as fast as the computer is. One binary for all, linked once.
 
 mod bags;
+mod bare_corridor;
 mod closing_loops;
 mod encodings;
 mod fuzzed;
