@@ -48,6 +48,9 @@ use crate::random::RandomStream;
 use crate::rays::{Ray, RayCapacityError, RayConfig};
 use crate::sweep::Sweep;
 
+/// From so many rays on some are always about where what was seen so far ends; the few of a sparse laser miss it. Chosen.
+const CROWDED_RAYS: usize = 64;
+
 crate::config! {
     /// Particle filter of the low level (thesis figure 4.20).
     pub struct LowSlamConfig {
@@ -272,7 +275,8 @@ impl<'m, const SIDE: usize> LowSlam<'m, SIDE> {
         let mut report = FilterReport::default();
         self.predict(motion); // "predict, using motion model + particles t−1"
         // Departure: where an axis is open nothing is weighed. Particles that lag see more of what they know, and would win.
-        let weighed = if motion.is_open() && !self.config.closes_loops { 0 } else { stretch.len() };
+        let is_open = motion.is_open() && self.ray_count >= CROWDED_RAYS;
+        let weighed = if is_open && !self.config.closes_loops { 0 } else { stretch.len() };
         for index in 0..weighed {
             self.take_again(stretch, index)?;
             let frame = self.frame();
