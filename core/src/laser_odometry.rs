@@ -19,6 +19,8 @@ mod expectation;
 mod finding;
 #[cfg(feature = "witnesses")]
 mod lone;
+#[cfg(feature = "witnesses")]
+mod new_ground;
 mod open_axis;
 mod reference;
 mod sight;
@@ -27,6 +29,7 @@ mod walls;
 mod witnesses;
 
 use self::course::{Course, Forecast};
+use self::finding::Found;
 pub use self::reference::KeyScan;
 use self::reference::Taken;
 use self::sight::Sight;
@@ -265,8 +268,8 @@ impl<'m> LaserOdometry<'m> {
         if first {
             (self.scans, self.score_per_point, self.doubts) = (0, SCORE_FIRST, false);
         }
-        let matched = self.find(&Taken::new(scan, robot_from_lrf, predicted), (count, hits), &forecast);
-        let is_lost = !first && matched.score_per_point < self.lost_below();
+        let Found { matched, fits } = self.find(&Taken::new(scan, robot_from_lrf, predicted), (count, hits), &forecast);
+        let is_lost = !first && !fits;
         self.doubts &= is_lost;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
         let map_from_robot = if first { self.map_from_robot } else { self.believed(&matched, is_lost, displacement) };

@@ -185,6 +185,11 @@ pub struct PriorSpread {
     pub heading: f32,
 }
 
+impl PriorSpread {
+    /// No place is likelier than another one.
+    pub const NONE: Self = Self { position: f32::INFINITY, heading: f32::INFINITY };
+}
+
 /// How a place is searched for.
 struct Effort {
     search: SearchConfig,
@@ -222,7 +227,7 @@ impl<'m> ScanMatcher<'m> {
         self.search_and_polish(&effort, &Objective::new(ndt, points, prior), prediction, rng)
     }
 
-    /// Finds `points` in a wider box and without preferring the prediction: for a robot that is not where it was expected.
+    /// Finds `points` in a wider box: for a robot that is not where it was expected. To prefer no place in it, see [`PriorSpread::NONE`].
     pub fn align_anywhere(
         &mut self,
         ndt: &NdtGrid<'_>,
@@ -231,7 +236,7 @@ impl<'m> ScanMatcher<'m> {
         recovery: &RecoveryConfig,
         rng: &mut impl Rng,
     ) -> Match {
-        let prior = Prior { predicted: prediction.map_from_robot, position: 0.0, heading: 0.0 };
+        let prior = Prior::new(&self.config, prediction);
         let search = SearchConfig {
             backward_m: LOST_DISTANCE_M,
             forward_m: LOST_DISTANCE_M,

@@ -6,19 +6,29 @@
 use super::LaserOdometry;
 use super::course::Forecast;
 use super::reference::Taken;
-use crate::geometry::Pose2;
-use crate::matcher::{Match, Prediction, RecoveryConfig};
+use crate::geometry::Point2;
+use crate::matcher::{Match, Prediction, PriorSpread, RecoveryConfig};
 
 /// A place found by a wider search is believed if its score per point is at least this share of the usual one: chosen …
 const FOUND_SHARE: f32 = 0.6;
 /// … and its score is so many times that of the place where the robot was expected.
 const FOUND_BETTER: f32 = 1.2;
+/// The wider search's prior is so many times as wide as the usual one: 0.5 m and 35° at five scans a second. Without it places far away are found that
+/// look alike: along corridors, and where a robot has turned so far that it sees little of what it saw before. Chosen.
+const FOUND_SPREAD: f32 = 3.5;
 /// Where the robot may be anywhere, a place is believed if its score per point is at least this share of the usual one: chosen, as different
 /// rooms reach two thirds.
 const RETURN_SHARE: f32 = 0.8;
 /// So is one where the robot has turned by more than this against what was expected, rad, farther where scans are slow. Chosen: robots that turn
 /// faster at five scans a second are rare, and rooms look alike from another side.
 const TURN_MAX_RAD: f32 = 0.8;
+
+/// Where the current scan was found.
+pub(super) struct Found {
+    pub(super) matched: Match,
+    /// False if it agrees too little with the reference to be believed.
+    pub(super) fits: bool,
+}
 
 impl LaserOdometry<'_> {
     /// Somebody else finds a robot that may be anywhere, by more than one scan: after 5 s without sight none alone says that it
@@ -30,41 +40,64 @@ impl LaserOdometry<'_> {
     /// Matches the current points, with a wider search if the robot is not where it was expected.
     ///
     /// * `expected` — the scan, at the place where the robot is expected
-    pub(super) fn find(&mut self, expected: &Taken, (points, hits): (usize, usize), forecast: &Forecast) -> Match {
+    pub(super) fn find(&mut self, expected: &Taken, (points, hits): (usize, usize), forecast: &Forecast) -> Found {
         let walking = self.part_walking(expected, (points, hits));
-        let matched = self.find_points((points, walking), expected.map_from_robot, forecast);
+        let found = self.find_points((points, walking), expected, forecast);
         if walking > 0 {
             self.put_in_order(hits);
         }
-        matched
+        found
     }
 
     /// * `walking` — the last so many points are of what may walk
-    fn find_points(&mut self, (count, walking): (usize, usize), predicted: Pose2, forecast: &Forecast) -> Match {
-        let score_expected = self.score_per_point * count as f32;
-        let prediction = &Prediction {
+    fn find_points(&mut self, (count, walking): (usize, usize), expected: &Taken, forecast: &Forecast) -> Found {
+        let predicted = expected.map_from_robot;
+        let prediction = Prediction {
             map_from_robot: predicted,
-            score_expected,
+            score_expected: self.score_per_point * count as f32,
             spread: forecast.spread,
             prior: forecast.prior,
             walking,
         };
         let points = self.points.get(..count).unwrap_or_default();
-        let matched = self.matcher.align(&self.ndt, points, prediction, &mut self.rng);
-        let is_fit = matched.score_per_point >= self.lost_below();
+        let matched = self.matcher.align(&self.ndt, points, &prediction, &mut self.rng);
+        let fits = self.fits(&matched, expected.eye, count);
         // What is left beside somebody who stands against the laser fits in too many places.
-        if is_fit || (self.doubts && self.is_told) || self.sight.is_half_covered {
-            return matched;
+        if fits || (self.doubts && self.is_told) || self.sight.is_half_covered {
+            return Found { matched, fits };
         }
-        let wide = self.matcher.align_anywhere(&self.ndt, points, prediction, &self.config.recovery, &mut self.rng);
+        let wider = FOUND_SPREAD * forecast.spread;
+        let prediction = Prediction { prior: PriorSpread { position: wider, heading: wider }, ..prediction };
+        let points = self.points.get(..count).unwrap_or_default();
+        let wide = self.matcher.align_anywhere(&self.ndt, points, &prediction, &self.config.recovery, &mut self.rng);
         let turned = predicted.between(wide.map_from_robot).heading.abs();
         let share = if turned > forecast.spread * TURN_MAX_RAD { RETURN_SHARE } else { FOUND_SHARE };
         let is_found = wide.score_per_point >= share * self.score_per_point;
-        if is_found && wide.score > FOUND_BETTER * matched.score { wide } else { matched }
+        if is_found && wide.score > FOUND_BETTER * matched.score {
+            return Found { matched: wide, fits: self.fits(&wide, expected.eye, count) };
+        }
+        Found { matched, fits }
+    }
+
+    /// True if the first `count` points fit where they are matched: as well as usual about, or what is known of does, and the rest is new.
+    fn fits(&self, matched: &Match, eye: Point2, count: usize) -> bool {
+        // Who may be anywhere may not be on new ground.
+        matched.score_per_point >= self.lost_below() || (!self.doubts && self.is_on_new_ground(matched, eye, count))
+    }
+
+    #[cfg(feature = "witnesses")]
+    fn is_on_new_ground(&self, matched: &Match, eye: Point2, count: usize) -> bool {
+        self.fits_known_ground(matched, eye, count, RETURN_SHARE)
+    }
+
+    /// Without witnesses nobody can tell.
+    #[cfg(not(feature = "witnesses"))]
+    fn is_on_new_ground(&self, _: &Match, _: Point2, _: usize) -> bool {
+        false
     }
 
     /// Score per point below which a scan is lost: after a while without sight the robot may be anywhere, and half a fit is none.
-    pub(super) fn lost_below(&self) -> f32 {
+    fn lost_below(&self) -> f32 {
         let RecoveryConfig { lost_share, .. } = self.config.recovery;
         let share = if self.doubts && lost_share > 0.0 { lost_share.max(RETURN_SHARE) } else { lost_share };
         share * self.score_per_point

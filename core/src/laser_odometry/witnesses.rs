@@ -167,6 +167,13 @@ pub(super) fn walking(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], wit
     walking
 }
 
+/// True if a witness saw that something is at `in_map`, or that nothing is.
+///
+/// * `witnesses` — with the hits of each, robot frame, in beam order
+pub(super) fn know(in_map: Point2, witnesses: &[KeyScan], witness_points: &[Point2]) -> bool {
+    outlines(witnesses, witness_points).any(|outline| outline.testimony(outline.place(in_map)) != Testimony::None)
+}
+
 /// What each of the witnesses saw.
 fn outlines<'a>(witnesses: &'a [KeyScan], points: &'a [Point2]) -> impl Iterator<Item = Outline<'a>> {
     let room = points.len().checked_div(witnesses.len()).unwrap_or(0).max(1);

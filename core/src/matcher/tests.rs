@@ -107,7 +107,8 @@ fn a_lost_robot_is_found_with_few_points() {
         let truth = Pose2::new(uniform(&mut rng) - 0.5, uniform(&mut rng) - 0.5, 3.0 * uniform(&mut rng) - 1.5);
         let matched =
             matching(&world, truth, &MatcherConfig::default(), 8.0, *seed, |matcher, ndt, source, at, rng| {
-                matcher.align_anywhere(ndt, source, at, &recovery, rng)
+                let anywhere = Prediction { prior: PriorSpread::NONE, ..*at };
+                matcher.align_anywhere(ndt, source, &anywhere, &recovery, rng)
             });
         let (distance, turn) = error(matched.map_from_robot, truth);
         distance < 0.05 && turn < 1.0

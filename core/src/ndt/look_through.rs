@@ -46,26 +46,28 @@ impl NdtGrid<'_> {
 
     /// The same for one ray on one layer, in cells.
     fn look_along(&mut self, eye: Point2, hit: Point2, layer: u32) {
-        let (x, y) = (hit.x - eye.x, hit.y - eye.y);
-        let length = hypot(x, y);
-        if !(length > 0.0 && length.is_finite()) {
-            return;
-        }
-        let behind = BEHIND_M / self.config().cell_size_m;
-        let ray = Ray { direction: Point2::new(x / length, y / length), length, behind };
+        let Some(ray) = Ray::new(eye, hit, self.config().cell_size_m) else { return };
         for cell in cells_on_ray(eye, hit, 1.0) {
-            let CellIndex { column, row } = cell;
-            let centre = Point2::new(column as f32 + 0.5, row as f32 + 0.5);
-            let place = self.place(column, row, layer);
-            if ray.goes_through(self.gaussian_at(place), eye - centre) {
+            let place = self.place(cell.column, cell.row, layer);
+            if ray.goes_through(self.gaussian_at(place), cell) {
                 self.change(place, CellSums::weaken);
             }
         }
+    }
+
+    /// True if a ray from `eye` to `hit`, both in the map, would have to go through what stands there.
+    #[cfg(feature = "witnesses")]
+    pub(crate) fn stands_between(&self, eye: Point2, hit: Point2) -> bool {
+        let [eye, hit] = [eye, hit].map(|point| self.cell_coordinates(point, 0)).map(|(u, v)| Point2::new(u, v));
+        let Some(ray) = Ray::new(eye, hit, self.config().cell_size_m) else { return false };
+        cells_on_ray(eye, hit, 1.0)
+            .any(|cell| ray.goes_through(self.gaussian_at(self.place(cell.column, cell.row, 0)), cell))
     }
 }
 
 /// A ray, in cells.
 struct Ray {
+    eye: Point2,
     direction: Point2,
     length: f32,
     /// It must have gone on for so long.
@@ -73,12 +75,22 @@ struct Ray {
 }
 
 impl Ray {
-    /// * `eye` — where it starts, seen from the cell's centre
-    fn goes_through(&self, gaussian: &Gaussian, eye: Point2) -> bool {
+    /// `None` if it has no direction.
+    fn new(eye: Point2, hit: Point2, cell_size_m: f32) -> Option<Self> {
+        let (x, y) = (hit.x - eye.x, hit.y - eye.y);
+        let length = hypot(x, y);
+        let has_direction = length > 0.0 && length.is_finite();
+        let direction = Point2::new(x / length, y / length);
+        has_direction.then_some(Self { eye, direction, length, behind: BEHIND_M / cell_size_m })
+    }
+
+    fn goes_through(&self, gaussian: &Gaussian, CellIndex { column, row }: CellIndex) -> bool {
         if gaussian.scaled[0] >= 0.0 {
             return false;
         }
         let ([xx, xy, yy], [mean_x, mean_y], d) = (gaussian.information(), gaussian.mean(), self.direction);
+        // Where it starts, seen from the cell's centre.
+        let eye = self.eye - Point2::new(column as f32 + 0.5, row as f32 + 0.5);
         let (x, y) = (eye.x - mean_x, eye.y - mean_y);
         let along = Point2::new(xx * d.x + xy * d.y, xy * d.x + yy * d.y);
         let curvature = d.x * along.x + d.y * along.y;

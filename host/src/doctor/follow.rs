@@ -3,7 +3,7 @@
 use lrfslam_core::filter::{FilterConfig, hits, thin};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::laser_odometry::{LaserOdometry, LaserOdometryConfig};
-use lrfslam_core::matcher::{Prediction, ScanMatcher};
+use lrfslam_core::matcher::{Prediction, PriorSpread, ScanMatcher};
 use lrfslam_core::ndt::{DirectoryEntry, NdtGrid, NdtTile};
 use lrfslam_core::random::RandomStream;
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
@@ -168,7 +168,8 @@ fn is_mirrored(config: &LaserOdometryConfig, before: &LogScan, now: &LogScan) ->
     let score = |points: &[Point2]| {
         let mut population = vec![lrfslam_core::de::Member::EMPTY; size];
         let mut matcher = ScanMatcher::new(&config.search, &config.de, &config.matcher, &mut population);
-        let prediction = Prediction::usual(Pose2::IDENTITY, points.len() as f32);
+        let prediction =
+            Prediction { prior: PriorSpread::NONE, ..Prediction::usual(Pose2::IDENTITY, points.len() as f32) };
         let mut rng = RandomStream::new(1, 0, 0);
         matcher.align_anywhere(&grid, points, &prediction, &config.recovery, &mut rng).score_per_point
     };

@@ -3,7 +3,7 @@
 
 use lrfslam_core::de::{DeConfig, Member};
 use lrfslam_core::geometry::{Point2, Pose2};
-use lrfslam_core::matcher::{Match, MatcherConfig, Prediction, RecoveryConfig, ScanMatcher, SearchConfig};
+use lrfslam_core::matcher::{Match, MatcherConfig, Prediction, PriorSpread, RecoveryConfig, ScanMatcher, SearchConfig};
 use lrfslam_core::ndt::{DirectoryEntry, NdtConfig, NdtGrid, NdtTile};
 use lrfslam_core::random::RandomStream;
 use lrfslam_core::time::Instant;
@@ -53,7 +53,7 @@ pub fn register(map: &[Point2], points: &[Point2], near: Pose2, config: &Registe
     let mut ndt = NdtGrid::new(&NdtConfig::default(), &mut directory, &mut tiles).ok()?;
     ndt.insert(map, Pose2::IDENTITY);
     // The score of a scan that fits everywhere: it is not reached, and the search uses all its generations.
-    let prediction = Prediction::usual(near, points.len() as f32);
+    let prediction = Prediction { prior: PriorSpread::NONE, ..Prediction::usual(near, points.len() as f32) };
     let mut population = vec![Member::EMPTY; usize::from(config.search.population)];
     let (search, de, matcher) = (SearchConfig::default(), DeConfig::default(), MatcherConfig::default());
     let mut matcher = ScanMatcher::new(&search, &de, &matcher, &mut population);
