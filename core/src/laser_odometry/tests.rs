@@ -231,19 +231,21 @@ fn who_comes_towards_the_robot_does_not_draw_it_along_a_corridor() {
     assert!(drawn_m < 0.01, "by {drawn_m} m from one scan to the next");
 }
 
-/// Scans a metre apart: through the door, what is seen is another room.
+/// Scans most of a metre apart: out of a room's door, nearly all that is seen is the corridor.
 #[cfg(feature = "witnesses")]
 #[test]
 fn who_goes_through_a_door_is_not_lost() {
-    let mut world = World::polyline(&[(5.0, -0.5), (5.0, -2.0), (-3.0, -2.0), (-3.0, 4.0), (5.0, 4.0), (5.0, 0.5)]);
+    let mut world = World::polyline(&[(5.0, -0.3), (5.0, -2.0), (-3.0, -2.0), (-3.0, 4.0), (5.0, 4.0), (5.0, 0.3)]);
     world.0.extend(World::polyline(&[(1.5, 2.0), (2.1, 2.0), (2.1, 2.4), (1.5, 2.4), (1.5, 2.0)]).0);
-    world.0.extend(World::polyline(&[(5.0, -2.0), (5.0, -3.0), (11.0, -3.0), (11.0, 2.0)]).0);
-    world.0.extend(World::polyline(&[(11.0, 2.0), (8.0, 2.0), (8.0, 5.0), (5.0, 5.0), (5.0, 4.0)]).0);
+    world.0.extend(World::polyline(&[(5.0, -2.0), (5.0, -9.0), (7.0, -9.0), (7.0, 2.0), (8.0, 2.0), (8.0, 3.0)]).0);
+    world.0.extend(
+        World::polyline(&[(8.0, 3.0), (7.0, 3.0), (7.0, 5.0), (7.5, 5.0), (7.5, 7.0), (5.0, 7.0), (5.0, 4.0)]).0,
+    );
     let mut memory = Memory::new(4000);
     let mut odometry = memory.odometry(&LaserOdometryConfig::default());
     let mut rng = Pcg32::seed_from_u64(3);
-    let in_the_room = (0..6).map(|at| Pose2::new(0.8 * at as f32, 0.0, 0.0));
-    let on = [(4.9, 0.0, 0.5), (5.5, 0.4, 1.0), (5.9, 1.2, 1.5), (5.9, 2.1, 1.6)];
+    let in_the_room = (0..7).map(|at| Pose2::new(0.6 * at as f32, 0.0, 0.0));
+    let on = [(4.4, 0.0, 0.0), (5.3, 0.1, 0.65), (5.7, 0.7, 1.2), (5.9, 1.5, 1.5), (6.0, 2.4, 1.6)];
     let path = in_the_room.chain(on.map(|(x, y, heading)| Pose2::new(x, y, heading)));
     for (second, pose) in path.enumerate() {
         let beams = world.scan(pose, 8.0, 0.01, &mut rng);
@@ -251,7 +253,7 @@ fn who_goes_through_a_door_is_not_lost() {
         let scan = RangeScan { stamp, range_max_m: 8.0, beams: &beams };
         let report = odometry.step(&scan, Pose2::IDENTITY, None).unwrap();
         let error = pose.between(report.matched.map_from_robot);
-        assert!(!report.is_lost && error.position().norm() < 0.1 && error.heading.abs() < 0.03, "{second}: {error:?}");
+        assert!(!report.is_lost && error.position().norm() < 0.15 && error.heading.abs() < 0.03, "{second}: {error:?}");
     }
 }
 
