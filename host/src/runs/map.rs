@@ -310,16 +310,18 @@ impl<'m, L: LowLevel> Run<'m, L> {
         self.places.iter().map(pose).collect()
     }
 
-    /// Where the robot was at every scan whose pose is to be believed: it fits the map, and the map is not a piece apart.
-    pub fn trusted_trajectory(&self) -> Vec<TimedPose> {
-        if let Some(high) = &self.high {
-            return high.trajectory_with_trust().filter_map(|(pose, is_trusted)| is_trusted.then_some(pose)).collect();
+    /// Which of these poses are to be believed: the scan fits the map, and the map there is not a piece apart.
+    pub fn trust(&self) -> Vec<bool> {
+        match &self.high {
+            Some(high) => high.trajectory_with_trust().map(|(_, is_trusted)| is_trusted).collect(),
+            None => self.fits.iter().map(|fit| fit != Fit::Lost).collect(),
         }
-        self.trajectory()
-            .into_iter()
-            .zip(self.fits.iter())
-            .filter_map(|(pose, fit)| (fit != Fit::Lost).then_some(pose))
-            .collect()
+    }
+
+    /// Where the robot was at every scan whose pose is to be believed.
+    pub fn trusted_trajectory(&self) -> Vec<TimedPose> {
+        let trusted = self.trajectory().into_iter().zip(self.trust());
+        trusted.filter_map(|(pose, is_trusted)| is_trusted.then_some(pose)).collect()
     }
 
     /// What the high level did so far, if there is one.

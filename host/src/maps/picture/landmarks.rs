@@ -57,7 +57,7 @@ pub fn landmarks_png(scene: &LandmarkScene<'_>) -> io::Result<Vec<u8>> {
     for at in scene.true_landmarks {
         canvas.line(place(*at), place(*at), 6.0, TRUTH);
     }
-    let path: Vec<(f64, f64)> = scene.path.iter().map(|pose| place(of_pose(pose))).collect();
+    let path: Vec<_> = scene.path.iter().map(|pose| Some(place(of_pose(pose)))).collect();
     draw_path(&mut canvas, &path);
     for (at, covariance) in scene.landmarks {
         let ring: Vec<(f64, f64)> = ellipse(*at, covariance).map(place).collect();

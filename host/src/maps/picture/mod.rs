@@ -52,6 +52,14 @@ pub struct PictureNotes<'a> {
     pub has_times: bool,
     /// The first pose is of so much later than the first scan, s: the robot had to be found.
     pub found_after_s: f64,
+    /// Which poses are believed, as many as there are; empty if all are. The path has a gap where one is not.
+    pub trust: &'a [bool],
+}
+
+impl PictureNotes<'_> {
+    fn is_trusted(&self, pose: usize) -> bool {
+        self.trust.get(pose).copied().unwrap_or(true)
+    }
 }
 
 /// Writes the picture of `raster` with the path `poses` to `target`.
@@ -81,8 +89,8 @@ pub fn png(raster: &Raster, poses: &[TimedPose], notes: &PictureNotes<'_>) -> io
     for pair in notes.truth.windows(2) {
         canvas.line(place(&pair[0]), place(&pair[1]), 4.0, TRUTH);
     }
-    let path: Vec<(f64, f64)> = poses.iter().map(place).collect();
-    draw_path(&mut canvas, &path);
+    let path = poses.iter().enumerate().map(|(index, pose)| notes.is_trusted(index).then(|| place(pose)));
+    draw_path(&mut canvas, &path.collect::<Vec<_>>());
     let footer = canvas.height - FOOTER;
     draw_scale_bar(&mut canvas, raster.pixel_size_m / zoom as f64);
     if let Some([first, last]) = times(poses, notes) {
@@ -119,12 +127,17 @@ fn draw_map(raster: &Raster, zoom: usize) -> Canvas {
     canvas
 }
 
-fn draw_path(canvas: &mut Canvas, path: &[(f64, f64)]) {
+/// * `path` — `None` where nobody knows
+fn draw_path(canvas: &mut Canvas, path: &[Option<(f64, f64)>]) {
     let radius = 1.2;
     for (index, pair) in path.windows(2).enumerate() {
-        canvas.line(pair[0], pair[1], radius, colour_at(index as f64 / path.len() as f64));
+        if let [Some(from), Some(to)] = *pair {
+            canvas.line(from, to, radius, colour_at(index as f64 / path.len() as f64));
+        }
     }
-    for (place, colour) in path.first().map(|&p| (p, START)).into_iter().chain(path.last().map(|&p| (p, END))) {
+    let mut known = path.iter().flatten();
+    let first = known.next();
+    for (place, colour) in first.map(|&p| (p, START)).into_iter().chain(known.last().or(first).map(|&p| (p, END))) {
         canvas.line(place, place, 8.0, FREE);
         canvas.line(place, place, 6.0, colour);
     }
@@ -194,7 +207,7 @@ mod tests {
         map.raster(side_max).unwrap()
     }
 
-    const NOTES: PictureNotes<'_> = PictureNotes { truth: &[], has_times: true, found_after_s: 0.0 };
+    const NOTES: PictureNotes<'_> = PictureNotes { truth: &[], has_times: true, found_after_s: 0.0, trust: &[] };
 
     fn poses() -> Vec<TimedPose> {
         let pose = |i: i32| TimedPose {
@@ -219,6 +232,19 @@ mod tests {
         for colour in [FREE, UNKNOWN, OCCUPIED, START, END] {
             assert!(pixels.chunks(3).any(|pixel| pixel == colour), "{colour:?} is missing");
         }
+    }
+
+    #[test]
+    fn the_path_has_a_gap_where_a_pose_is_not_believed() {
+        let coloured = |trust: &[bool]| {
+            let notes = PictureNotes { trust, ..NOTES };
+            let plain = [FREE, UNKNOWN, OCCUPIED, START, END];
+            let (_, pixels) = pixels(png(&raster(4000), &poses(), &notes).unwrap());
+            pixels.chunks(3).filter(|pixel| !plain.iter().any(|colour| pixel == colour)).count()
+        };
+        let lost: Vec<bool> = (0..20).map(|pose| !(5..15).contains(&pose)).collect();
+        assert_eq!(coloured(&[true; 20]), coloured(&[]));
+        assert!(coloured(&lost) < coloured(&[]));
     }
 
     #[test]

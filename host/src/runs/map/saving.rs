@@ -55,7 +55,8 @@ impl<L: LowLevel> Run<'_, L> {
             self.bag.iter().for_each(|bag| bag.map(raster));
         }
         if let Some(raster) = map.raster(self.config.map.picture_px) {
-            let notes = PictureNotes { truth: &[], has_times: about.source.has_times(), found_after_s: 0.0 };
+            let (has_times, trust) = (about.source.has_times(), &*self.trust());
+            let notes = PictureNotes { truth: &[], has_times, found_after_s: 0.0, trust };
             write_picture(&folder.join("map.png"), &raster, &trajectory, &notes)?;
         }
         let size_m = raster.map(|raster| [raster.width, raster.height].map(|side| side as f64 * raster.pixel_size_m));
