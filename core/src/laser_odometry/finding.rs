@@ -9,7 +9,8 @@ use super::reference::Taken;
 use crate::geometry::Point2;
 use crate::matcher::{Match, Prediction, PriorSpread, RecoveryConfig};
 
-/// A place found by a wider search is believed if its score per point is at least this share of the usual one: chosen …
+/// A place found by a wider search is believed if its score per point is at least this share of the usual one, and a place on new ground if that of the
+/// known part is: chosen …
 const FOUND_SHARE: f32 = 0.6;
 /// … and its score is so many times that of the place where the robot was expected.
 const FOUND_BETTER: f32 = 1.2;
@@ -87,7 +88,9 @@ impl LaserOdometry<'_> {
 
     #[cfg(feature = "witnesses")]
     fn is_on_new_ground(&self, matched: &Match, eye: Point2, count: usize) -> bool {
-        self.fits_known_ground(matched, eye, count, RETURN_SHARE)
+        // The next one after a lost one is expected where nobody knows.
+        let share = if self.lost_scans == 0 { FOUND_SHARE } else { RETURN_SHARE };
+        self.fits_known_ground(matched, eye, count, share)
     }
 
     /// Without witnesses nobody can tell.
