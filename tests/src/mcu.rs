@@ -19,7 +19,7 @@ use lrfslam_host::scans::driver::LaserMemory;
 use lrfslam_host::scans::family::{LrfFamily, LrfOptions};
 use lrfslam_lrf::driver::{Event, Input, Output, drain, run_bytes};
 use lrfslam_robot::wire::frame::MAX_FRAME;
-use lrfslam_robot::wire::message::{FromRobot, Status, ToRobot};
+use lrfslam_robot::wire::message::{FromRobot, Segment, Status, ToRobot};
 use lrfslam_robot::{LaserFamily, RobotConfig};
 
 /// Rate of a cable to a USB sensor, which has none.
@@ -96,6 +96,8 @@ pub struct LaserBytes {
 pub struct Drive {
     /// What the robot told.
     pub map: RobotMap,
+    /// Every segment among it.
+    pub segments: Vec<Segment>,
     /// Its last status.
     pub status: Status,
     /// All that went over the laser's line.
@@ -225,7 +227,7 @@ impl<'d> Bench<'d> {
     fn serve_link(&mut self, client: &mut RobotClient<'_>) -> anyhow::Result<()> {
         let now = self.now();
         let heard = read(&mut self.link)?;
-        let Drive { map, status, said, robots, .. } = &mut self.drive;
+        let Drive { map, segments, status, said, robots, .. } = &mut self.drive;
         client.take(now, &heard, &mut |event| match event {
             RobotEvent::NewRobot => *robots += 1,
             RobotEvent::Status(now) => *status = now,
@@ -236,6 +238,9 @@ impl<'d> Bench<'d> {
                 let Some(message) = told.message() else { return };
                 if let FromRobot::Said(text) | FromRobot::Refused(text) = message {
                     said.push(text.to_owned());
+                }
+                if let FromRobot::Segment(segment) = &message {
+                    segments.push(segment.clone());
                 }
                 map.take(&message);
             }

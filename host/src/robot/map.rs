@@ -5,9 +5,10 @@ use std::collections::BTreeMap;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::grid::CellIndex;
 use lrfslam_core::slam::SlamConfig;
-use lrfslam_robot::wire::message::{Capacities, FromRobot, ScanPose, Segment, TileUpdate};
+use lrfslam_robot::wire::message::{Capacities, FromRobot, ScanPose, TileUpdate};
 
 use super::client::fitted;
+use super::paths::ParticlePaths;
 use super::render::render;
 use crate::mapping::Correction;
 use crate::mapping::LowLevel;
@@ -29,7 +30,7 @@ pub struct RobotMap {
     config: SlamConfig,
     seed: u64,
     capacities: Capacities,
-    segments: Vec<Segment>,
+    paths: ParticlePaths,
     scans: Vec<ScanPose>,
     tiles: Tiles,
     /// The newest that the robot left at each place; one that was given back stays: the robot may be reset before it has it.
@@ -67,8 +68,7 @@ impl LowLevel for RobotMap {
 
     /// Those of the last step told, which weigh the same.
     fn particles(&self) -> Vec<(Pose2, f32)> {
-        let last = self.segments.last().map_or(&[][..], |segment| &segment.particles);
-        last.iter().map(|node| (node.map_from_robot, 1.0)).collect()
+        self.paths.particles().iter().map(|node| (node.map_from_robot, 1.0)).collect()
     }
 }
 
@@ -85,7 +85,7 @@ impl RobotMap {
             config: *config,
             seed,
             capacities: Capacities::default(),
-            segments: Vec::new(),
+            paths: ParticlePaths::default(),
             scans: Vec::new(),
             tiles: Tiles::new(),
             left: Tiles::new(),
@@ -102,7 +102,7 @@ impl RobotMap {
                 self.capacities = identity.capacities;
                 self.config = fitted(&self.config, &identity.capacities);
             }
-            FromRobot::Segment(segment) => self.segments.push(segment.clone()),
+            FromRobot::Segment(segment) => self.paths.take(segment),
             FromRobot::Scan(scan) => self.scans.push(*scan),
             FromRobot::Tile(tile) => {
                 put(&mut self.tiles, tile);
@@ -154,11 +154,6 @@ impl RobotMap {
         self.capacities
     }
 
-    /// All segments, in order.
-    pub fn segments(&self) -> &[Segment] {
-        &self.segments
-    }
-
     /// Scans that the robot took since the first one told, and that nobody told of: the link was away for longer than its memory lasts.
     pub fn missing_scans(&self) -> u32 {
         let ends = self.scans.first().zip(self.scans.last());
@@ -193,25 +188,10 @@ impl RobotMap {
         map
     }
 
-    /// The best particle's poses at the ends of the segments, the last first: its path back to where segments are missing.
-    fn steps_backwards(&self) -> impl Iterator<Item = (u32, Pose2)> + '_ {
-        let mut index = self.segments.last().map_or(0, |last| usize::from(last.best));
-        let mut since_step = None;
-        self.segments.iter().rev().map_while(move |segment| {
-            if since_step.is_some_and(|expected| expected != segment.step) {
-                return None;
-            }
-            let node = segment.particles.get(index)?;
-            index = usize::from(node.parent);
-            since_step = Some(segment.since_step);
-            Some((segment.step, node.map_from_robot))
-        })
-    }
-
     /// The best particle's path, a pose for each scan. Where steps are not known, because segments were joined or the host came later,
     /// laser odometry leads on from the last known one, or back from the first.
     pub fn path(&self) -> Vec<TimedPose> {
-        let steps: BTreeMap<u32, Pose2> = self.steps_backwards().collect();
+        let steps: BTreeMap<u32, Pose2> = self.paths.best_backwards().collect();
         let known = |scan: &ScanPose| steps.get(&scan.step).map(|step| *step * scan.moved);
         let first = self.scans.iter().find_map(|scan| Some((known(scan)?, scan.odometry)));
         let mut last = first.unwrap_or_default();
@@ -225,7 +205,6 @@ impl RobotMap {
 
     /// True if the path to the latest pose begins with the robot's first step.
     pub fn is_from_start(&self) -> bool {
-        let first = self.segments.first().is_some_and(|segment| segment.since_step == 0);
-        first && self.steps_backwards().count() == self.segments.len()
+        self.paths.is_from_start()
     }
 }

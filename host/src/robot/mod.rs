@@ -10,6 +10,7 @@ mod judge;
 mod key;
 mod link;
 mod map;
+mod paths;
 mod render;
 mod sweeps;
 

@@ -1,7 +1,7 @@
 //! What a host keeps of what a robot tells it.
 
 use lrfslam_host::robot::{RobotMap, Sweeps, Tiles, Told};
-use lrfslam_robot::wire::message::FromRobot;
+use lrfslam_robot::wire::message::{FromRobot, Segment};
 use lrfslam_robot::wire::session::Progress;
 
 /// Where a host stores what it hears; it outlives the host.
@@ -27,6 +27,8 @@ pub struct Life {
     pub numbers: Vec<u32>,
     /// What they say of path and map.
     pub map: RobotMap,
+    /// Every segment that they tell.
+    pub segments: Vec<Segment>,
     /// Beams of each scan that was told with them.
     pub sweeps: Vec<usize>,
 }
@@ -37,6 +39,7 @@ impl Life {
         self.numbers.push(at.next);
         self.map.take(message);
         match message {
+            FromRobot::Segment(segment) => self.segments.push(segment.clone()),
             FromRobot::Sweep(part) => parts.take_part(part),
             FromRobot::Scan(pose) => {
                 self.sweeps.extend(parts.taken_at(pose.stamp).map(|sweep| sweep.scan().beams.len()));

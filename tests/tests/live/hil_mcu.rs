@@ -53,7 +53,7 @@ fn check(drive: &Drive, config: &RobotConfig, scans: usize) {
     println!("{:?}\n{:?}", drive.said, drive.status);
     assert_eq!(drive.robots, 1, "the microcontroller was reset");
     assert_eq!((drive.status.health.lrf_overrun, drive.status.health.link_overrun), (0, 0));
-    assert!(drive.map.scans().len() >= scans && drive.map.segments().len() >= scans / 5);
+    assert!(drive.map.scans().len() >= scans && drive.segments.len() >= scans / 5);
     let mut pools = Box::new(StandardPools::EMPTY);
     let mut mapping = Mapping::new(config, pools.lend().mapping).expect("the memory is the robot's");
     let (poses, segments) = on_this_computer(&mut mapping, drive);
@@ -61,8 +61,8 @@ fn check(drive: &Drive, config: &RobotConfig, scans: usize) {
     for (here, there) in poses.iter().zip(drive.map.scans()) {
         assert_eq!(bits(here), bits(there), "scan at {:?}", here.stamp);
     }
-    assert_eq!(segments.len(), drive.map.segments().len());
-    for (here, there) in segments.iter().zip(drive.map.segments()) {
+    assert_eq!(segments.len(), drive.segments.len());
+    for (here, there) in segments.iter().zip(&drive.segments) {
         assert_eq!((here.step, here.best), (there.step, there.best));
         assert_eq!(segment_bits(here), segment_bits(there), "step {}", here.step);
     }

@@ -101,7 +101,7 @@ fn particles_that_go_for_want_of_memory_are_the_same_on_a_bad_line() {
     for chance in [0.01, 0.02] {
         let (bad, status, on_bad) = drive(PARTICLES, TILES_OF_MANY, Host::Stays, LineFaults::all(chance));
         assert_eq!((status.tiles_forgotten, on_bad), (0, on_good), "faults at {chance}: {status:?}");
-        let told = |life: &Life| (life.map.scans().to_vec(), life.map.segments().to_vec(), life.sweeps.clone());
+        let told = |life: &Life| (life.map.scans().to_vec(), life.segments.clone(), life.sweeps.clone());
         assert!(told(&bad) == told(&good) && bad.map.tiles() == good.map.tiles(), "faults at {chance}");
     }
 }

@@ -95,8 +95,9 @@ fn robot_and_host_give_the_same_bits() {
     let (rig, line) = drive(&robot);
     let Tally { scans, dropped, ndt_dropped, ndt_evicted, .. } = rig.tally;
     assert_eq!((dropped, ndt_dropped, ndt_evicted), (0, 0, 0), "the robot has memory enough");
-    let map = &rig.disk.lives[0].map;
-    assert!(scans > 200 && map.segments().len() > 50, "{scans} scans, {} segments", map.segments().len());
+    let life = &rig.disk.lives[0];
+    assert!(scans > 200 && life.segments.len() > 50, "{scans} scans, {} segments", life.segments.len());
+    let map = &life.map;
     assert!(map.is_from_start() && map.scans().len() == scans as usize, "all is told: {}", map.scans().len());
 
     let mapping = config.mapping();
