@@ -16,6 +16,8 @@ const GOOD_BETWEEN: usize = 5;
 const LOOP_PATH_M: f64 = 30.0;
 /// A length is a guess if the robot drove farther than this while an axis was undetermined, m.
 const GUESSED_M: f64 = 1.0;
+/// What loops put right is worth a word if it is at least this, m: two cells of the map.
+const MOVED_M: f64 = 0.1;
 /// So many scans in a row that fit nowhere, and the robot may have been carried away meanwhile.
 const LOST_SCANS: usize = 5;
 
@@ -96,6 +98,8 @@ pub struct Quality {
     pub map_size_m: Option<[f64; 2]>,
     /// Loops closed; none at a level that closes none.
     pub loops_closed: Option<u64>,
+    /// Farthest that one of them moved the robot, m: so far off it was. None if none was closed.
+    pub loops_moved_m: Option<f64>,
     /// Pieces of map that are not joined to it, and not in it.
     pub pieces_apart: u64,
     /// Share of the scans that fit the map and determine every axis.
@@ -120,6 +124,7 @@ impl Quality {
             path_m: path_length_m(trajectory),
             map_size_m,
             loops_closed: high.map(|high| high.closures),
+            loops_moved_m: high.filter(|high| high.closures > 0).map(|high| f64::from(high.largest_move_m)),
             pieces_apart: high.map_or(0, |high| high.pieces_apart),
             matched_well: well as f64 / fits.scans().max(1) as f64,
             lost: stretches(fits, own, Fit::Lost),
@@ -168,8 +173,12 @@ fn stretches(fits: &Fits, path: &[TimedPose], fit: Fit) -> Vec<Stretch> {
 
 /// One plain sentence.
 fn trust(quality: &Quality) -> String {
-    let Quality { path_m, map_size_m, loops_closed, lost, undetermined, .. } = quality;
+    let Quality { path_m, map_size_m, loops_closed, loops_moved_m, lost, undetermined, .. } = quality;
     let lost = lost.iter().find(|stretch| stretch.scans >= LOST_SCANS);
+    let moved_m = loops_moved_m.filter(|m| *m >= MOVED_M);
+    let unchecked = moved_m.map_or_else(String::new, |m| {
+        format!("; before loops closed the robot was up to {m:.1} m off, and what none of them checks may still be")
+    });
     let guessed_m: f64 = undetermined.iter().map(|stretch| stretch.path_m).filter(|m| *m > GUESSED_M).sum();
     if map_size_m.is_none() {
         "there is no map".to_owned()
@@ -183,12 +192,14 @@ fn trust(quality: &Quality) -> String {
             "do not trust lengths across {from_s:.0} to {to_s:.0} s: {scans} scans fit nowhere, and what was mapped before and after may lie displaced"
         )
     } else if guessed_m > 0.0 {
-        format!("trust it but along {guessed_m:.0} m of way that looked the same all along: lengths there are a guess")
+        format!(
+            "trust it but along {guessed_m:.0} m of way that looked the same all along: lengths there are a guess{unchecked}"
+        )
     } else if *path_m > LOOP_PATH_M && loops_closed.unwrap_or(0) == 0 {
         "trust what lies near together; no loop was closed, so nothing checks places far apart along the path"
             .to_owned()
     } else {
-        "every part fits the rest: trust it".to_owned()
+        format!("every part fits the rest: trust it{unchecked}")
     }
 }
 
@@ -252,6 +263,9 @@ mod tests {
         let stretch = |scans, path_m| Stretch { from_s: 10.0, to_s: 20.0, scans, path_m };
         assert!(trust(&Quality::default()).contains("no map"));
         assert!(trust(&good).contains("trust it"));
+        let moved = |m| trust(&Quality { loops_moved_m: Some(m), ..good.clone() });
+        assert_eq!(moved(0.05), trust(&good), "that is no more than anybody would expect");
+        assert!(moved(1.33).contains("trust it; ") && moved(1.33).contains("up to 1.3 m off"), "{}", moved(1.33));
         assert!(trust(&Quality { loops_closed: Some(0), ..good.clone() }).contains("no loop was closed"));
         let corridor = Quality { undetermined: vec![stretch(50, 12.0)], ..good.clone() };
         assert!(trust(&corridor).contains("12 m of way"));
