@@ -8,6 +8,9 @@ use crate::scans::log::LogScan;
 
 /// Fewer scans than one in so many with a number of beams of their own are odd.
 const FEW: u64 = 100;
+/// Beams farther apart than this are few, degrees. Matching alone has Intel as well with every third degree as with every second, and a slip by metres
+/// with every fourth.
+const SPARSE_DEG: f32 = 3.5;
 
 /// Counts beams.
 #[derive(Debug, Default)]
@@ -41,6 +44,12 @@ impl BeamCheck {
         let step_deg = view_deg / (beams.max(2) - 1) as f32;
         let found = format!("{numbers} beams a scan over {view_deg:.0}°, {step_deg:.2}° apart");
         findings.push(Finding::note("beams", found));
+        if step_deg > SPARSE_DEG {
+            let found = format!("beams are {step_deg:.1}° apart");
+            let means = "on bare walls they hit the same places ahead of the robot in every scan, as if it stood: ways may be too short by metres, and no scan says so";
+            let advice = "map with --odometry if there is any; else take a laser whose beams are 3° apart at most";
+            findings.push(Finding::unusual("few-beams", found, means).so(advice));
+        }
         let odd = self.scans - same;
         if odd > 0 && odd * FEW < self.scans {
             let others: Vec<_> = self.counts.iter().filter(|(number, _)| **number != beams).collect();

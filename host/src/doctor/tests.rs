@@ -114,6 +114,19 @@ fn other_numbers_of_beams_in_a_few_scans() {
 }
 
 #[test]
+fn beams_far_apart() {
+    let every = |nth: usize| {
+        with(|_, scan| {
+            let kept: Vec<_> = scan.beams.iter().copied().step_by(nth).collect();
+            scan.beams = kept;
+        })
+    };
+    assert_only(&[], every(3));
+    assert_among("few-beams", every(4));
+    assert_among("few-beams", every(8));
+}
+
+#[test]
 fn gaps_bursts_and_times_that_run_back_or_repeat() {
     let at = |millis: i64| Instant::from_micros(millis * 1000);
     let mut gap = floor();
