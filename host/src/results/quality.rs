@@ -98,7 +98,7 @@ pub struct Quality {
     pub map_size_m: Option<[f64; 2]>,
     /// Loops closed; none at a level that closes none.
     pub loops_closed: Option<u64>,
-    /// Farthest that one of them moved the robot, m: so far off it was. None if none was closed.
+    /// Farthest that the robot was from where one put it, m: [`HighCounts::largest_move_m`]. None if none was closed.
     pub loops_moved_m: Option<f64>,
     /// Pieces of map that are not joined to it, and not in it.
     pub pieces_apart: u64,

@@ -81,7 +81,7 @@ pub struct HighCounts {
     pub closures: u64,
     /// Pieces of map that are not joined to it: where the robot was lost, and what it saw then has not been found again.
     pub pieces_apart: u64,
-    /// Farthest that a closure moved the robot, m.
+    /// Farthest that the robot was from where a closure put it, m; also one that the rest of the path refuted.
     pub largest_move_m: f32,
     /// Scans kept.
     pub scans_kept: u64,
@@ -265,10 +265,13 @@ impl<'m> HighSlam<'m> {
         for (older, reach) in candidates {
             let Some(closure) = self.find_closure(older, newer, &reach, &latest) else { continue };
             self.counts.closures_found += 1;
-            found.extend(self.closer.confirmed(closure, self.graph.nodes()));
+            let confirmed = self.closer.confirmed(closure, self.graph.nodes());
+            if !confirmed.is_empty() {
+                // Not that of one that waited: it may have been found between pieces, which nothing tied then.
+                self.counts.largest_move_m = self.counts.largest_move_m.max(closure.moves_m);
+            }
+            found.extend(confirmed);
         }
-        let moved = found.iter().map(|closure| closure.moves_m).fold(0.0, f32::max);
-        self.counts.largest_move_m = self.counts.largest_move_m.max(moved);
         found.iter().for_each(|closure: &Closure| self.graph.add_edge(closure.edge()));
         !found.is_empty()
     }
