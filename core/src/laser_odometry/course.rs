@@ -28,10 +28,6 @@ const CAUTION: f32 = 3.0;
 const PRIOR_MIN: f32 = 0.2;
 /// After a step that turns more than this, rad, the robot is expected to stand.
 const STEADY_RAD: f32 = 0.5;
-/// What is farther than this from what was expected puts the robot right, and is not how it has driven, m …
-const CORRECTED_FROM_M: f32 = 0.25;
-/// … unless its speed can have changed so, m/s². Both chosen.
-const ACCELERATION_MAX: f32 = 2.0;
 /// A robot that sees nothing loses its speed in about so long, s: who walks past a laser covers it for less. Chosen.
 const COAST_S: f32 = 2.0;
 
@@ -76,8 +72,6 @@ pub(super) struct Course {
     odometry: Errors,
     /// Matches learned from, up to [`MEMORY`].
     learned: f32,
-    /// From scan to scan in the mean.
-    interval_s: f32,
     open_axis: OpenAxis,
 }
 
@@ -88,7 +82,6 @@ impl Default for Course {
             steady: Errors::FIRST,
             odometry: Errors::FIRST,
             learned: FIRST_COUNT,
-            interval_s: 0.0,
             open_axis: OpenAxis::default(),
         }
     }
@@ -104,7 +97,6 @@ impl Course {
     ///
     /// * `interval_s` — from scan to scan in the mean
     pub(super) fn look(&mut self, scan: &RangeScan<'_>, interval_s: f32) {
-        self.interval_s = interval_s;
         self.open_axis.look(scan, interval_s);
     }
 
@@ -178,19 +170,7 @@ impl Course {
         if step.heading.abs() > STEADY_RAD {
             return self.rest();
         }
-        self.step = self.at_most_accelerated(driven, forecast.step);
-    }
-
-    /// `step`, as far as a robot that was expected to go on by `forecast` can have driven it since the last scan. Who is put right by a metre, and
-    /// then expected to go on so, does where little contradicts.
-    fn at_most_accelerated(&self, step: Pose2, forecast: Pose2) -> Pose2 {
-        let more = step.position() - forecast.position();
-        let reach = CORRECTED_FROM_M.max(ACCELERATION_MAX * self.interval_s * self.interval_s);
-        if more.norm() <= reach {
-            return step;
-        }
-        let share = reach / more.norm();
-        Pose2 { x: forecast.x + share * more.x, y: forecast.y + share * more.y, ..step }
+        self.step = driven;
     }
 }
 
@@ -228,20 +208,6 @@ mod tests {
         (0..100).for_each(|_| _ = course.coast(0.2));
         assert!(course.step().x < 1e-3);
         assert_eq!(course.coast(3.0), Pose2::IDENTITY, "slower scans than that: at once");
-    }
-
-    /// The step expected after one of `x`, by a robot that went on by 0.05 m; seen every `interval_s`.
-    fn after(x: f32, interval_s: f32) -> f32 {
-        let mut course = Course { step: Pose2::new(0.05, 0.0, 0.0), interval_s, ..Course::default() };
-        let forecast = course.forecast(course.step(), None, 1.0, USUAL);
-        course.advance(&forecast, Pose2::new(x, 0.0, 0.0), &sharp());
-        course.step().x
-    }
-
-    #[test]
-    fn who_is_put_right_by_a_metre_does_not_go_on_so_but_who_sets_off_does() {
-        assert!((after(-0.95, 0.2) + 0.2).abs() < 1e-6 && (after(1.05, 0.025) - 0.3).abs() < 1e-6);
-        assert_eq!([after(0.25, 0.2), after(1.2, 1.0)], [0.25, 1.2]);
     }
 
     #[test]
