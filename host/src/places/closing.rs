@@ -242,9 +242,11 @@ impl Closer {
         vec![self.waiting.remove(index), closure]
     }
 
-    /// Those of the waiting closures that are not `worth` it wait no more.
-    pub fn keep_waiting(&mut self, worth: impl Fn(&Closure) -> bool) {
+    /// Those of the waiting closures that are not `worth` it wait no more; returns how many these are.
+    pub fn keep_waiting(&mut self, worth: impl Fn(&Closure) -> bool) -> usize {
+        let before = self.waiting.len();
         self.waiting.retain(worth);
+        before - self.waiting.len()
     }
 }
 
@@ -294,6 +296,25 @@ mod tests {
         assert!((pose.x - 20.0).abs() < 0.15 && pose.y.abs() < 0.1, "{pose:?}");
         let by_share = Effort { second_misfits_min: None, ..CLOSING };
         assert!(found(by_share, &[16.0, 19.0, 23.5]).is_none(), "bare walls fit everywhere");
+    }
+
+    #[test]
+    fn what_moves_the_robot_far_waits_for_a_second_one_or_is_dropped() {
+        let closure = |newer, moves_m| Closure {
+            older: 0,
+            newer,
+            older_from_newer: PoseF64::new(newer as f64 + 2.0, 0.0, 0.0),
+            moves_m,
+            weak_axis: None,
+        };
+        let nodes: Vec<PoseF64> = (0..9).map(|k| PoseF64::new(f64::from(k), 0.0, 0.0)).collect();
+        let mut closer = Closer::new(&NdtConfig::default());
+        assert_eq!(closer.confirmed(closure(5, 0.5), &nodes).len(), 1);
+        assert!(closer.confirmed(closure(6, 2.0), &nodes).is_empty());
+        assert_eq!(closer.confirmed(closure(7, 2.0), &nodes).len(), 2);
+        assert_eq!(closer.keep_waiting(|_| false), 0);
+        assert!(closer.confirmed(closure(8, 2.0), &nodes).is_empty());
+        assert_eq!((closer.keep_waiting(|closure| closure.newer >= 8), closer.keep_waiting(|_| false)), (0, 1));
     }
 
     #[test]

@@ -18,6 +18,10 @@ const LOOP_PATH_M: f64 = 30.0;
 const GUESSED_M: f64 = 1.0;
 /// What loops put right is worth a word if it is at least this, m: two cells of the map.
 const MOVED_M: f64 = 0.1;
+/// A map is not to be trusted if so many places that were recognised contradict the rest of it, …
+const REFUTED_MIN: u64 = 3;
+/// … and they are this share of all. Closures are verified strictly: on logs with nothing wrong hardly one in fifty is refuted. Both chosen.
+const REFUTED_SHARE: f64 = 0.1;
 /// So many scans in a row that fit nowhere, and the robot may have been carried away meanwhile.
 const LOST_SCANS: usize = 5;
 
@@ -100,6 +104,11 @@ pub struct Quality {
     pub loops_closed: Option<u64>,
     /// Farthest that the robot was from where one put it, m: [`HighCounts::largest_move_m`]. None if none was closed.
     pub loops_moved_m: Option<f64>,
+    /// Places recognised, and how many of these contradict the rest of the path: [`HighCounts::closures_found`],
+    /// [`HighCounts::closures_refuted`].
+    pub loops_found: u64,
+    /// See there.
+    pub loops_refuted: u64,
     /// Pieces of map that are not joined to it, and not in it.
     pub pieces_apart: u64,
     /// Share of the scans that fit the map and determine every axis.
@@ -125,6 +134,8 @@ impl Quality {
             map_size_m,
             loops_closed: high.map(|high| high.closures),
             loops_moved_m: high.filter(|high| high.closures > 0).map(|high| f64::from(high.largest_move_m)),
+            loops_found: high.map_or(0, |high| high.closures_found),
+            loops_refuted: high.map_or(0, |high| high.closures_refuted),
             pieces_apart: high.map_or(0, |high| high.pieces_apart),
             matched_well: well as f64 / fits.scans().max(1) as f64,
             lost: stretches(fits, own, Fit::Lost),
@@ -174,6 +185,7 @@ fn stretches(fits: &Fits, path: &[TimedPose], fit: Fit) -> Vec<Stretch> {
 /// One plain sentence.
 fn trust(quality: &Quality) -> String {
     let Quality { path_m, map_size_m, loops_closed, loops_moved_m, lost, undetermined, .. } = quality;
+    let loops_refuted = quality.loops_refuted;
     let lost = lost.iter().find(|stretch| stretch.scans >= LOST_SCANS);
     let moved_m = loops_moved_m.filter(|m| *m >= MOVED_M);
     let unchecked = moved_m.map_or_else(String::new, |m| {
@@ -182,6 +194,11 @@ fn trust(quality: &Quality) -> String {
     let guessed_m: f64 = undetermined.iter().map(|stretch| stretch.path_m).filter(|m| *m > GUESSED_M).sum();
     if map_size_m.is_none() {
         "there is no map".to_owned()
+    } else if loops_refuted >= REFUTED_MIN && loops_refuted as f64 >= REFUTED_SHARE * quality.loops_found as f64 {
+        format!(
+            "do not trust it: {loops_refuted} of {} places that the robot recognised contradict the rest of the map",
+            quality.loops_found
+        )
     } else if quality.pieces_apart > 0 {
         format!(
             "the map lacks {}: the robot was lost there, and has not come back to a place that it knows",
@@ -267,6 +284,9 @@ mod tests {
         assert_eq!(moved(0.05), trust(&good), "that is no more than anybody would expect");
         assert!(moved(1.33).contains("trust it; ") && moved(1.33).contains("up to 1.3 m off"), "{}", moved(1.33));
         assert!(trust(&Quality { loops_closed: Some(0), ..good.clone() }).contains("no loop was closed"));
+        let refuted = |loops_refuted, loops_found| trust(&Quality { loops_refuted, loops_found, ..good.clone() });
+        assert_eq!([refuted(2, 4), refuted(4, 131)], [trust(&good), trust(&good)]);
+        assert!(refuted(14, 97).contains("do not trust it: 14 of 97 places"), "{}", refuted(14, 97));
         let corridor = Quality { undetermined: vec![stretch(50, 12.0)], ..good.clone() };
         assert!(trust(&corridor).contains("12 m of way"));
         let lost = Quality { lost: vec![stretch(50, 1.0)], ..corridor };

@@ -77,8 +77,11 @@ pub struct HighCounts {
     pub segments: u64,
     /// Closures found.
     pub closures_found: u64,
-    /// Closures believed in the end: the others had none that agreed with them, or did not agree with the rest of the path.
+    /// Closures in the graph: believed, and not of known ground that was let go.
     pub closures: u64,
+    /// Closures found that contradict the rest: the graph refuted them, or they would have moved the robot by more than a metre, and
+    /// no second one said so.
+    pub closures_refuted: u64,
     /// Pieces of map that are not joined to it: where the robot was lost, and what it saw then has not been found again.
     pub pieces_apart: u64,
     /// Farthest that the robot was from where a closure put it, m; also one that the rest of the path refuted.
@@ -255,7 +258,10 @@ impl<'m> HighSlam<'m> {
     /// Looks for older places that the segment that starts at node `newer` came back to; true if the graph has new closures.
     fn close_loops(&mut self, newer: usize) -> bool {
         let (oldest, pieces) = (newer.saturating_sub(WAITING_SEGMENTS), &self.pieces);
-        self.closer.keep_waiting(|closure| closure.newer >= oldest || !pieces.are_one(closure.older, closure.newer));
+        self.counts.closures_refuted += self
+            .closer
+            .keep_waiting(|closure| closure.newer >= oldest || !pieces.are_one(closure.older, closure.newer))
+            as u64;
         let candidates = self.candidates(newer, &reach_from(&self.graph, newer));
         if candidates.is_empty() {
             return false;
@@ -280,6 +286,7 @@ impl<'m> HighSlam<'m> {
     fn solve(&mut self) {
         let doubted = self.graph.solve();
         if !doubted.is_empty() {
+            self.counts.closures_refuted += doubted.len() as u64;
             self.graph.remove_edges(&doubted);
             self.graph.solve();
         }
