@@ -93,6 +93,14 @@ pub struct Place {
 }
 
 impl Closure {
+    /// True if it would still move the newer node so far that it needs a second one.
+    ///
+    /// * `nodes` — the graph's nodes
+    pub fn contradicts(&self, nodes: &[PoseF64]) -> bool {
+        let told = nodes[self.older].between(nodes[self.newer]);
+        told.between(self.older_from_newer).distance_m() > f64::from(ALONE_M)
+    }
+
     /// As an edge of the graph.
     pub fn edge(&self) -> Edge {
         let inverse_square = |sigma: f32| 1.0 / (f64::from(sigma) * f64::from(sigma));
@@ -242,11 +250,9 @@ impl Closer {
         vec![self.waiting.remove(index), closure]
     }
 
-    /// Those of the waiting closures that are not `worth` it wait no more; returns how many these are.
-    pub fn keep_waiting(&mut self, worth: impl Fn(&Closure) -> bool) -> usize {
-        let before = self.waiting.len();
-        self.waiting.retain(worth);
-        before - self.waiting.len()
+    /// Those of the waiting closures that are not `worth` it wait no more, and are returned.
+    pub fn keep_waiting(&mut self, worth: impl Fn(&Closure) -> bool) -> Vec<Closure> {
+        self.waiting.extract_if(.., |closure| !worth(closure)).collect()
     }
 }
 
@@ -312,9 +318,13 @@ mod tests {
         assert_eq!(closer.confirmed(closure(5, 0.5), &nodes).len(), 1);
         assert!(closer.confirmed(closure(6, 2.0), &nodes).is_empty());
         assert_eq!(closer.confirmed(closure(7, 2.0), &nodes).len(), 2);
-        assert_eq!(closer.keep_waiting(|_| false), 0);
+        assert!(closer.keep_waiting(|_| false).is_empty());
         assert!(closer.confirmed(closure(8, 2.0), &nodes).is_empty());
-        assert_eq!((closer.keep_waiting(|closure| closure.newer >= 8), closer.keep_waiting(|_| false)), (0, 1));
+        assert!(closer.keep_waiting(|closure| closure.newer >= 8).is_empty());
+        let dropped = closer.keep_waiting(|_| false);
+        assert!(dropped.len() == 1 && dropped[0].contradicts(&nodes));
+        let moved: Vec<PoseF64> = nodes.iter().map(|node| PoseF64::new(1.2 * node.x, 0.0, 0.0)).collect();
+        assert!(!dropped[0].contradicts(&moved), "others have moved the robot there meanwhile");
     }
 
     #[test]

@@ -79,8 +79,8 @@ pub struct HighCounts {
     pub closures_found: u64,
     /// Closures in the graph: believed, and not of known ground that was let go.
     pub closures: u64,
-    /// Closures found that contradict the rest: the graph refuted them, or they would have moved the robot by more than a metre, and
-    /// no second one said so.
+    /// Closures found that contradict the rest: the graph refuted them, or they would move the robot by more than a metre, and no
+    /// second one has said so.
     pub closures_refuted: u64,
     /// Pieces of map that are not joined to it: where the robot was lost, and what it saw then has not been found again.
     pub pieces_apart: u64,
@@ -258,10 +258,9 @@ impl<'m> HighSlam<'m> {
     /// Looks for older places that the segment that starts at node `newer` came back to; true if the graph has new closures.
     fn close_loops(&mut self, newer: usize) -> bool {
         let (oldest, pieces) = (newer.saturating_sub(WAITING_SEGMENTS), &self.pieces);
-        self.counts.closures_refuted += self
-            .closer
-            .keep_waiting(|closure| closure.newer >= oldest || !pieces.are_one(closure.older, closure.newer))
-            as u64;
+        let worth = |closure: &Closure| closure.newer >= oldest || !pieces.are_one(closure.older, closure.newer);
+        let (dropped, nodes) = (self.closer.keep_waiting(worth), self.graph.nodes());
+        self.counts.closures_refuted += dropped.iter().filter(|closure| closure.contradicts(nodes)).count() as u64;
         let candidates = self.candidates(newer, &reach_from(&self.graph, newer));
         if candidates.is_empty() {
             return false;
