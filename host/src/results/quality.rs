@@ -104,10 +104,9 @@ pub struct Quality {
     pub loops_closed: Option<u64>,
     /// Farthest that the robot was from where one put it, m: [`HighCounts::largest_move_m`]. None if none was closed.
     pub loops_moved_m: Option<f64>,
-    /// Places recognised, and how many of these contradict the rest of the path: [`HighCounts::closures_found`],
-    /// [`HighCounts::closures_refuted`].
+    /// Places recognised: [`HighCounts::closures_found`].
     pub loops_found: u64,
-    /// See there.
+    /// How many of these contradict the rest of the path: [`HighCounts::closures_refuted`].
     pub loops_refuted: u64,
     /// Pieces of map that are not joined to it, and not in it.
     pub pieces_apart: u64,

@@ -298,3 +298,49 @@ impl<'m> HighSlam<'m> {
         HighCounts { closures, scans_kept, scan_bytes, pieces_apart: self.pieces_apart(), ..self.counts }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A straight path of nine segments of a metre, well known.
+    fn straight() -> HighSlam<'static> {
+        let mut high = HighSlam::new(&HighConfigs::default(), None);
+        let (step, information) = (PoseF64::new(1.0, 0.0, 0.0), Matrix3::from_diagonal_element(1e4));
+        for from in 0..9 {
+            let to = high.graph.add_node(high.graph.nodes()[from].then(step));
+            high.graph.add_edge(Edge { from, to, from_to: step, information, is_closure: false });
+            high.segments.push(Segment::empty());
+            high.pieces.goes_on(from);
+        }
+        high
+    }
+
+    /// One that puts the robot `off_m` too far ahead.
+    fn closure(newer: usize, off_m: f64) -> Closure {
+        let older_from_newer = PoseF64::new(newer as f64 + off_m, 0.0, 0.0);
+        Closure { older: 0, newer, older_from_newer, moves_m: off_m as f32, weak_axis: None }
+    }
+
+    #[test]
+    fn what_the_graph_refutes_is_counted() {
+        let mut high = straight();
+        high.graph.add_edge(closure(8, 0.01).edge());
+        high.graph.add_edge(closure(9, 4.0).edge());
+        high.solve();
+        let counts = high.counts();
+        assert_eq!((counts.closures, counts.closures_refuted), (1, 1));
+    }
+
+    #[test]
+    fn what_waits_in_vain_is_counted_if_it_still_disagrees() {
+        let mut high = straight();
+        assert!(high.closer.confirmed(closure(1, 4.0), high.graph.nodes()).is_empty());
+        assert!(high.closer.confirmed(closure(2, 1.5), high.graph.nodes()).is_empty());
+        high.graph.put(2, PoseF64::new(3.0, 0.0, 0.0));
+        high.close_loops(1 + WAITING_SEGMENTS);
+        assert_eq!(high.counts().closures_refuted, 0, "both may find a second one yet");
+        high.close_loops(3 + WAITING_SEGMENTS);
+        assert_eq!(high.counts().closures_refuted, 1, "the path has moved to where one of them is");
+    }
+}
