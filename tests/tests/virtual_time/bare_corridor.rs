@@ -54,19 +54,18 @@ fn a_corridor_askew_to_the_map_is_passed_as_any() {
     assert!(mean < 2.0, "{mean} m");
 }
 
-/// Weighed, those that lag would win: at 6c39e9e the mean of `prove --only ring-1,ring-1-one` is 0.96 and 0.66 m.
+/// Weighed, those that lag would win: the mean is 0.83 m then, and 0.55 m as it is. Rows `ring-1` and `ring-1-one` compare with one particle.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn particles_do_not_lag_where_nothing_tells_the_way() {
-    let drive = drive(false);
-    let [hundred, one] = [100, 1].map(|particles| mean_rmse(&errors(&drive, &config(1, particles))));
-    assert!(hundred < 0.75 && hundred < 1.1 * one, "100 particles {hundred} m, one {one} m");
+    let mean = mean_rmse(&errors(&drive(false), &config(1, 50)));
+    assert!(mean < 0.68, "{mean} m");
 }
 
 /// Nearly all of a corridor's points fit everywhere along it; with that for a doubt the ring stayed open by 1 to 2 m.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn a_ring_of_corridor_closes() {
-    let errors = errors(&drive(false), &config(2, 50));
-    assert!(errors.iter().filter(|[_, revisit]| *revisit < 0.25).count() >= 2, "{errors:?}");
+    let errors = errors(&drive(false), &config(2, 1));
+    assert!(errors.iter().all(|[_, revisit]| *revisit < 0.25), "{errors:?}");
 }
