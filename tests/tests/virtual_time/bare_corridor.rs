@@ -54,18 +54,23 @@ fn a_corridor_askew_to_the_map_is_passed_as_any() {
     assert!(mean < 2.0, "{mean} m");
 }
 
-/// Weighed, those that lag would win: the mean is 0.83 m then, and 0.55 m as it is. Rows `ring-1` and `ring-1-one` compare with one particle.
+/// Weighed, those that lag would win: at 6c39e9e the mean of `prove --only ring-1,ring-1-one` is 0.96 and 0.66 m.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn particles_do_not_lag_where_nothing_tells_the_way() {
-    let mean = mean_rmse(&errors(&drive(false), &config(1, 50)));
-    assert!(mean < 0.68, "{mean} m");
+    let drive = drive(false);
+    let [fifty, one] = [50, 1].map(|particles| mean_rmse(&errors(&drive, &config(1, particles))));
+    assert!(fifty < 0.68 && fifty < 1.1 * one, "50 particles {fifty} m, one {one} m");
 }
 
 /// Nearly all of a corridor's points fit everywhere along it; with that for a doubt the ring stayed open by 1 to 2 m.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn a_ring_of_corridor_closes() {
-    let errors = errors(&drive(false), &config(2, 1));
-    assert!(errors.iter().all(|[_, revisit]| *revisit < 0.25), "{errors:?}");
+    let drive = drive(false);
+    for (particles, seeds_min) in [(1, 3), (50, 2)] {
+        let errors = errors(&drive, &config(2, particles));
+        let closed = errors.iter().filter(|[_, revisit]| *revisit < 0.25).count();
+        assert!(closed >= seeds_min, "{particles} particles: {errors:?}");
+    }
 }
