@@ -4,17 +4,17 @@
 //! the program's version, the configuration as TOML, the scans kept (ranges to 0.1 mm, bearings to 10 µrad), their path and its pose graph.
 #![cfg_attr(not(test), deny(clippy::indexing_slicing))]
 
-use std::io::{BufWriter, IntoInnerError, Read as _};
+use std::io::{self, BufWriter, IntoInnerError, Read as _, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use crc::{CRC_32_ISO_HDLC, Crc};
+use crc::{CRC_32_ISO_HDLC, Crc, Digest};
 use flate2::Compression;
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 use serde::{Deserialize, Serialize};
 
 use crate::mapping::high::{HighConfigs, HighSlam, SavedPath, SavedPathError};
-use crate::output::write_file;
+use crate::output::PendingFile;
 use crate::program::Program;
 use crate::scans::store::ScanStore;
 
@@ -29,7 +29,7 @@ const HEADER: usize = 8 + 2 + 8 + 4;
 const UNPACKED_MAX: u64 = 1 << 32;
 /// Bytes that are packed at once.
 const PACKED_AT_ONCE: usize = 1 << 16;
-const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+static CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// A saved map; one that is written need not own its parts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -88,19 +88,40 @@ impl<P: Serialize, S: Serialize> SavedMap<P, S> {
     /// # Errors
     /// If it cannot be written.
     pub fn write(&self, folder: &Path) -> anyhow::Result<()> {
-        Ok(write_file(&folder.join(FILE_NAME), &self.packed()?)?)
+        let mut file = PendingFile::create(&folder.join(FILE_NAME))?;
+        self.pack(&mut file)?;
+        Ok(file.finish()?)
     }
 
-    /// The file with it.
-    fn packed(&self) -> anyhow::Result<Vec<u8>> {
-        let packer = GzEncoder::new(vec![0; HEADER], Compression::default());
+    /// Writes the file into `out`, which is at its start: what is packed while it is made, then the header, which tells of it.
+    fn pack(&self, out: &mut (impl Write + Seek)) -> anyhow::Result<()> {
+        out.write_all(&[0; HEADER])?;
+        let packer = GzEncoder::new(Packed { out, length: 0, crc: CRC32.digest() }, Compression::default());
         let packer = postcard::to_io(self, BufWriter::with_capacity(PACKED_AT_ONCE, packer))?;
-        let mut bytes = packer.into_inner().map_err(IntoInnerError::into_error)?.finish()?;
-        let (header, packed) = bytes.split_at_mut(HEADER);
-        let (version, length, crc) = (VERSION, packed.len() as u64, CRC32.checksum(packed));
-        let parts = [&MAGIC[..], &version.to_le_bytes(), &length.to_le_bytes(), &crc.to_le_bytes()];
-        header.copy_from_slice(&parts.concat());
-        Ok(bytes)
+        let packed = packer.into_inner().map_err(IntoInnerError::into_error)?.finish()?;
+        let (length, crc) = (packed.length.to_le_bytes(), packed.crc.finalize().to_le_bytes());
+        out.seek(SeekFrom::Start(0))?;
+        Ok(out.write_all(&[&MAGIC[..], &VERSION.to_le_bytes(), &length, &crc].concat())?)
+    }
+}
+
+/// Goes through to `out`, and is counted and summed up for the header.
+struct Packed<'o, W> {
+    out: &'o mut W,
+    length: u64,
+    crc: Digest<'static, u32>,
+}
+
+impl<W: Write> Write for Packed<'_, W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.out.write(bytes)?;
+        self.crc.update(bytes.get(..written).unwrap_or(bytes));
+        self.length += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
     }
 }
 
@@ -188,8 +209,9 @@ mod tests {
             let low = LowPose { map_from_robot, undetermined: None, is_lost: false, is_blind: false, is_frozen: false };
             high.add_scan(&Sweep::at_rest(scan, Pose2::new(0.1, 0.0, 0.0)), &low).unwrap();
         }
-        let written = map_of("[map]\ncell_size_m = 0.05\n".to_owned(), &high).packed().unwrap();
-        postcard::from_bytes(&unpack(&written[HEADER..]).unwrap()).unwrap()
+        let mut written = io::Cursor::new(Vec::new());
+        map_of("[map]\ncell_size_m = 0.05\n".to_owned(), &high).pack(&mut written).unwrap();
+        postcard::from_bytes(&unpack(&written.into_inner()[HEADER..]).unwrap()).unwrap()
     }
 
     fn written() -> (tempfile::TempDir, PathBuf, Vec<u8>) {

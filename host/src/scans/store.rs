@@ -7,7 +7,7 @@ use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::sweep::Sweep;
 use lrfslam_core::time::{Duration, Instant};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 /// Units of a saved range in a metre, and of a saved bearing in a radian.
 const RANGE_UNITS: f64 = 1e4;
@@ -40,8 +40,8 @@ struct SavedScan {
 }
 
 /// See the [module](self).
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(into = "Vec<SavedScan>", from = "Vec<SavedScan>")]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(from = "Vec<SavedScan>")]
 pub struct ScanStore {
     scans: Vec<KeptScan>,
     /// Places of scans that were forgotten: the next ones come there.
@@ -136,19 +136,23 @@ impl ScanStore {
     }
 }
 
-impl From<ScanStore> for Vec<SavedScan> {
-    fn from(store: ScanStore) -> Self {
-        let saved = |kept: &KeptScan| {
-            let beams = kept.beams.iter();
-            SavedScan {
-                stamp: kept.stamp,
-                range_max_m: kept.range_max_m,
-                robot_from_lrf: kept.robot_from_lrf,
-                bearing_steps: steps(beams.clone().map(|beam| beam.bearing_rad), BEARING_UNITS),
-                range_steps: steps(beams.map(|beam| beam.range_m), RANGE_UNITS),
-            }
-        };
-        store.scans.iter().map(saved).collect()
+/// Scan by scan, as a building's take 30 MB once more.
+impl Serialize for ScanStore {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.scans.iter().map(SavedScan::from))
+    }
+}
+
+impl From<&KeptScan> for SavedScan {
+    fn from(kept: &KeptScan) -> Self {
+        let beams = kept.beams.iter();
+        Self {
+            stamp: kept.stamp,
+            range_max_m: kept.range_max_m,
+            robot_from_lrf: kept.robot_from_lrf,
+            bearing_steps: steps(beams.clone().map(|beam| beam.bearing_rad), BEARING_UNITS),
+            range_steps: steps(beams.map(|beam| beam.range_m), RANGE_UNITS),
+        }
     }
 }
 
