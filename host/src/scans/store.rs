@@ -63,6 +63,8 @@ impl ScanStore {
             && let Some(free) = self.scans.get_mut(place as usize)
         {
             let mut beams = std::mem::take(&mut free.beams);
+            // No more than that: growing doubles.
+            beams.reserve_exact(sweep.scan.beams.len());
             beams.extend(kept);
             *free = scan(beams);
             return place;
@@ -251,5 +253,9 @@ mod tests {
         assert_eq!((add(&mut store, 4), add(&mut store, 5)), (1, 3));
         let stamps = (0..4).map(|index| store.sweep(index, &mut Vec::new()).unwrap().scan.stamp.micros);
         assert_eq!(stamps.collect::<Vec<_>>(), [1, 4, 3, 5]);
+        store.forget(0);
+        let scan = RangeScan { stamp: Instant::from_micros(6), range_max_m: 8.0, beams: &[beam; 5] };
+        store.add(&Sweep::at_rest(scan, Pose2::IDENTITY));
+        assert_eq!((store.beams(0), store.scans[0].beams.capacity()), (5, 5), "no more room than is needed");
     }
 }
