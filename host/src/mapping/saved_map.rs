@@ -96,32 +96,40 @@ impl<P: Serialize, S: Serialize> SavedMap<P, S> {
     /// Writes the file into `out`, which is at its start: what is packed while it is made, then the header, which tells of it.
     fn pack(&self, out: &mut (impl Write + Seek)) -> anyhow::Result<()> {
         out.write_all(&[0; HEADER])?;
-        let packer = GzEncoder::new(Packed { out, length: 0, crc: CRC32.digest() }, Compression::default());
+        let packer =
+            GzEncoder::new(Packed { out, length: 0, crc: CRC32.digest(), fault: None }, Compression::default());
         let packer = postcard::to_io(self, BufWriter::with_capacity(PACKED_AT_ONCE, packer))?;
         let packed = packer.into_inner().map_err(IntoInnerError::into_error)?.finish()?;
+        if let Some(fault) = packed.fault {
+            return Err(fault.into());
+        }
         let (length, crc) = (packed.length.to_le_bytes(), packed.crc.finalize().to_le_bytes());
         out.seek(SeekFrom::Start(0))?;
         Ok(out.write_all(&[&MAGIC[..], &VERSION.to_le_bytes(), &length, &crc].concat())?)
     }
 }
 
-/// Goes through to `out`, and is counted and summed up for the header.
+/// Goes through to `out`, and is counted and summed up for the header. The serialiser forgets why it could not write, such as a full disk: the
+/// fault is kept here, and nothing is written after it.
 struct Packed<'o, W> {
     out: &'o mut W,
     length: u64,
     crc: Digest<'static, u32>,
+    fault: Option<io::Error>,
 }
 
 impl<W: Write> Write for Packed<'_, W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let written = self.out.write(bytes)?;
-        self.crc.update(bytes.get(..written).unwrap_or(bytes));
-        self.length += written as u64;
-        Ok(written)
+        if self.fault.is_none() {
+            self.fault = self.out.write_all(bytes).err();
+            self.crc.update(bytes);
+            self.length += bytes.len() as u64;
+        }
+        Ok(bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.out.flush()
+        Ok(())
     }
 }
 
@@ -234,6 +242,38 @@ mod tests {
         assert_eq!((before.len(), &before), (40, &after));
         back.write(folder.path()).unwrap();
         assert_eq!(std::fs::read(folder.path().join(FILE_NAME)).unwrap(), bytes, "saved again it is the same");
+    }
+
+    /// A disk with room for so many bytes.
+    struct Full(usize);
+
+    impl Write for Full {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0 = self.0.checked_sub(bytes.len()).ok_or(io::ErrorKind::StorageFull)?;
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Seek for Full {
+        fn seek(&mut self, _: SeekFrom) -> io::Result<u64> {
+            Ok(0)
+        }
+    }
+
+    #[test]
+    fn a_full_disk_is_called_so_wherever_it_is_met() {
+        let map = saved();
+        let length = written().2.len();
+        for room in [0, HEADER, HEADER + 10, length - 1, length + HEADER - 1] {
+            let error = map.pack(&mut Full(room)).unwrap_err();
+            let kind = error.downcast_ref::<io::Error>().map(io::Error::kind);
+            assert_eq!(kind, Some(io::ErrorKind::StorageFull), "room for {room} of {length} bytes: {error}");
+        }
+        map.pack(&mut Full(length + HEADER)).unwrap();
     }
 
     #[test]
