@@ -50,7 +50,7 @@ impl Quality {
     }
 }
 
-/// See the [module](self). Clones are the same participant; it leaves the domain when the last one goes.
+/// A participant in a domain of ROS 2. Clones are the same one; it leaves the domain when the last one goes.
 #[derive(Clone)]
 pub struct Node {
     participant: DomainParticipant,
