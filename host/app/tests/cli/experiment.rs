@@ -152,10 +152,17 @@ fn a_log_made_harder_is_mapped_worse_or_not() {
     assert!(error(0) < 0.05 && error(2) < 0.3 && error(4) > error(0), "{csv}");
     assert!(fs::read_to_string(folder.join("envelope/envelope.svg")).unwrap().starts_with("<svg"));
     assert!(stdout.contains(&fs::read_to_string(folder.join("envelope/envelope.md")).unwrap()));
-    let one = ["--only", "noise-5cm", "--seed", "2", "--out", "one", "-q"];
+    let one = ["--only", "noise-5cm", "--seed", "2", "--keep", "kept", "--out", "one", "-q"];
     assert_eq!(run(folder, &[&arguments[..], &one].concat()).0, 0);
     let alone = fs::read_to_string(folder.join("one/envelope.csv")).unwrap();
     assert_eq!(alone.lines().skip(1).collect::<Vec<_>>(), [csv.lines().last().unwrap()], "one seed is one of several");
+    let kept = |name: &str| fs::read_to_string(folder.join("kept/noise-5cm-2").join(name)).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&kept("run.json")).unwrap();
+    let trust = report["quality"]["trust"].as_str().unwrap();
+    assert!(trust.len() > 20 && alone.ends_with(&format!(",\"{trust}\"\n")), "{alone}");
+    assert!(kept("trajectory.tum").lines().count() > 150 && folder.join("kept/noise-5cm-2/map.png").exists());
+    let (code, _, stderr) = run(folder, &[&arguments[..], &one[..6], &["--out", "two"]].concat());
+    assert!(code == 2 && stderr.contains("kept/noise-5cm-2: holds"), "what is kept is not replaced: {code} {stderr}");
     let (code, _, stderr) = run(folder, &[&arguments[..], &["--only", "nothing"]].concat());
     assert!(code == 2 && stderr.contains("people-30"), "{stderr}");
 }

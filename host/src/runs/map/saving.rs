@@ -59,8 +59,7 @@ impl<L: LowLevel> Run<'_, L> {
             let notes = PictureNotes { truth: &[], has_times, found_after_s: 0.0, trust };
             write_picture(&folder.join("map.png"), &raster, &trajectory, &notes)?;
         }
-        let size_m = raster.map(|raster| [raster.width, raster.height].map(|side| side as f64 * raster.pixel_size_m));
-        let quality = Quality::of(&self.fits, &trajectory, size_m, self.high_counts().as_ref());
+        let quality = self.quality_of(&trajectory, raster.as_ref());
         self.steps.write(&folder.join("steps.csv"))?;
         self.save_map(folder, &trajectory, toml::to_string(&about.config)?)
             .with_context(|| cannot_write(&folder.join(saved_map::FILE_NAME)))?;
@@ -75,6 +74,17 @@ impl<L: LowLevel> Run<'_, L> {
     /// The map as it is now, as `map.pgm` has it; `None` without a known cell. Costs as much as drawing it.
     pub fn raster(&self) -> Option<Raster> {
         self.drawn(&self.trajectory()).raster(PGM_SIDE_MAX)
+    }
+
+    /// What it noticed of itself so far. Costs as much as drawing the map.
+    pub fn quality(&self) -> Quality {
+        let trajectory = self.trajectory();
+        self.quality_of(&trajectory, self.drawn(&trajectory).raster(PGM_SIDE_MAX).as_ref())
+    }
+
+    fn quality_of(&self, trajectory: &[TimedPose], raster: Option<&Raster>) -> Quality {
+        let size_m = raster.map(|raster| [raster.width, raster.height].map(|side| side as f64 * raster.pixel_size_m));
+        Quality::of(&self.fits, trajectory, size_m, self.high_counts().as_ref())
     }
 
     /// Writes all that is needed to draw the map again.

@@ -15,6 +15,7 @@ use serde::Serialize;
 
 use crate::evaluation::{Relation, evaluate_relations};
 use lrfslam_host::mapping::MappingConfig;
+use lrfslam_host::results::quality::Quality;
 use lrfslam_host::runs::map::{MapRun, RunMemory};
 use lrfslam_host::scans::log::LogScan;
 
@@ -44,22 +45,26 @@ pub struct EnvelopeRun {
     pub share_above_10_cm: f64,
     /// Scans that agreed too little with the map to be believed.
     pub lost_scans: u64,
+    /// How far to trust the map, as the run itself says: [`Quality::trust`].
+    pub trust: String,
 }
 
 /// Maps `scans`, made harder as `row` says, and judges the path.
 ///
 /// * `config` — of mapping, and where the laser sits if the log does not say
+/// * `results` — of the whole run: keeps what is wanted, and returns what the run noticed of itself
 ///
 /// Returns `None` if no relation has both its times among those of the scans left.
 ///
 /// # Errors
-/// If a scan is too large.
+/// If a scan is too large, and that of `results`.
 pub fn run_envelope(
     (config, robot_from_lrf): (&MappingConfig, Pose2),
     (row, degradation): EnvelopeRow,
     seed: u64,
     scans: &[LogScan],
     relations: &[Relation],
+    results: impl FnOnce(&mut MapRun<'_>) -> anyhow::Result<Quality>,
 ) -> anyhow::Result<Option<EnvelopeRun>> {
     let (kept, first) = best_first(scans, degradation.every(), relations);
     if kept == 0 {
@@ -85,6 +90,7 @@ pub fn run_envelope(
         mean_deg: report.rotation_deg.mean,
         share_above_10_cm: report.share_above_10_cm,
         lost_scans,
+        trust: results(&mut map)?.trust,
     }))
 }
 
@@ -103,14 +109,15 @@ fn best_first(scans: &[LogScan], every: usize, relations: &[Relation]) -> (usize
 
 /// A line for each run.
 pub fn envelope_csv(runs: &[EnvelopeRun]) -> String {
-    let mut text = String::from("row,seed,scans,relations,mean_m,std_m,max_m,mean_deg,share_above_10_cm,lost_scans\n");
+    let mut text =
+        String::from("row,seed,scans,relations,mean_m,std_m,max_m,mean_deg,share_above_10_cm,lost_scans,trust\n");
     for run in runs {
-        let EnvelopeRun { row, seed, scans, relations, mean_m, std_m, max_m, mean_deg, share_above_10_cm, lost_scans } =
-            run;
-        // Writing to a string cannot fail.
+        let EnvelopeRun { row, seed, scans, relations, mean_m, std_m, max_m, mean_deg, .. } = run;
+        let EnvelopeRun { share_above_10_cm, lost_scans, trust, .. } = run;
+        // Writing to a string cannot fail. The sentence has commas, and no quotation marks.
         let _ = writeln!(
             text,
-            "{row},{seed},{scans},{relations},{mean_m:.5},{std_m:.5},{max_m:.3},{mean_deg:.4},{share_above_10_cm:.4},{lost_scans}"
+            "{row},{seed},{scans},{relations},{mean_m:.5},{std_m:.5},{max_m:.3},{mean_deg:.4},{share_above_10_cm:.4},{lost_scans},\"{trust}\""
         );
     }
     text
@@ -127,7 +134,7 @@ fn spread(runs: &[EnvelopeRun], number: impl Fn(&EnvelopeRun) -> f64) -> (f64, f
     (numbers().sum::<f64>() / runs.len() as f64, numbers().fold(f64::MAX, f64::min), numbers().fold(f64::MIN, f64::max))
 }
 
-/// What came out, row by row, as a table in Markdown: the mean over the seeds.
+/// What came out, row by row, as a table in Markdown: the mean over the seeds. Below it, what each run says of its map.
 pub fn envelope_markdown(runs: &[EnvelopeRun]) -> String {
     let mut text = String::from(
         "| row | scans | relations | error, m | least, largest | σ, m | worst, m | error, ° | above 10 cm, % | lost scans |\n\
@@ -144,6 +151,10 @@ pub fn envelope_markdown(runs: &[EnvelopeRun]) -> String {
             text,
             "| {row} | {scans} | {relations} | {error:.3} | {least:.3}, {largest:.3} | {std_m:.3} | {worst:.2} | {deg:.2} | {above:.1} | {lost:.0} |"
         );
+    }
+    text.push_str("\nWhat each run says of its map:\n\n");
+    for EnvelopeRun { row, seed, trust, .. } in runs {
+        let _ = writeln!(text, "- {row}, seed {seed}: {trust}");
     }
     text
 }
@@ -165,6 +176,7 @@ mod tests {
             mean_deg,
             share_above_10_cm,
             lost_scans,
+            trust: "trust it but along 9 m, say".to_owned(),
         }
     }
 
@@ -172,9 +184,13 @@ mod tests {
     fn tables_have_a_line_for_each_run_and_each_row() {
         let runs = [run("as-is", 1, 0.02), run("as-is", 2, 0.04), run("scans-8", 1, 2.0), run("scans-8", 2, 4.0)];
         let csv = envelope_csv(&runs);
-        assert_eq!(csv.lines().nth(2), Some("as-is,2,10,7,0.04000,0.01000,0.060,0.5000,0.2500,3"));
+        assert_eq!(
+            csv.lines().nth(2),
+            Some("as-is,2,10,7,0.04000,0.01000,0.060,0.5000,0.2500,3,\"trust it but along 9 m, say\"")
+        );
         let table = envelope_markdown(&runs);
-        assert_eq!(table.lines().count(), 4);
+        assert_eq!(table.lines().take_while(|line| line.starts_with('|')).count(), 4);
+        assert!(table.ends_with("\n- scans-8, seed 2: trust it but along 9 m, say\n"), "{table}");
         assert!(
             table.contains("| as-is | 10 | 7 | 0.030 | 0.020, 0.040 | 0.010 | 0.06 | 0.50 | 25.0 | 3 |"),
             "{table}"
