@@ -70,13 +70,7 @@ pub(super) fn run(args: &EnvelopeArgs) -> Result<(), Failure> {
     static NEVER: AtomicBool = AtomicBool::new(false);
     let mut log = Scans::open(&args.log, config.log_options(), &NEVER, Box::new(|_| {})).map_err(Failure::Start)?;
     let scans: Vec<LogScan> = log.by_ref().collect::<anyhow::Result<_>>().map_err(Failure::Start)?;
-    let about = About {
-        config: config.clone(),
-        source: log.source(true),
-        odometry: false,
-        ending: Ending::Complete,
-        fault: None,
-    };
+    let about = About { config, source: log.source(true), odometry: false, ending: Ending::Complete, fault: None };
     let relations = read_relations(&args.relations).map_err(Failure::start)?;
     let mut folder = args.out.folder("envelope")?;
     let (mapping, robot_from_lrf) = (config.mapping(), config.robot_from_lrf());
