@@ -15,6 +15,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context as _, bail, ensure};
 
+use super::aside::Aside;
 use super::beside::{
     GROWING, NEW, OLD, change_places, clear, ensure_replaceable, free_sibling, is_result, names_in, parts, put_back,
     retire, sibling, sync_folder,
@@ -181,6 +182,11 @@ impl ResultFolder {
     pub fn growing(&self, name: &str) -> PathBuf {
         debug_assert!(GROWING.contains(&name), "{name} is not among the growing files");
         self.home.join(name)
+    }
+
+    /// Where this run puts aside what its results will be made of: beside the folder, on the same disk.
+    pub fn aside(&self) -> Aside {
+        Aside::in_folder(self.place.parent().unwrap_or(&self.place))
     }
 
     /// The growing file `file` stays if it is among the last results here: the new ones are made of it.

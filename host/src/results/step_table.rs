@@ -1,7 +1,7 @@
 //! What the particle filter did, step by step: `steps.csv`, and its summary for `run.json`.
 
 use std::fmt::Write as _;
-use std::io::{Read as _, Write as _};
+use std::io::{self, Write as _};
 use std::path::Path;
 use std::time::Duration as WallDuration;
 
@@ -13,12 +13,12 @@ use lrfslam_core::time::Instant;
 use serde::Serialize;
 
 use crate::mapping::mapper::StageTimes;
-use crate::output::save_file;
+use crate::output::{Aside, Kept, save_by};
 
 const HEADER: &str = "scan,stamp_s,effective_sample_size,particles,resampled,nodes,depth,tiles,dropped,squares_left_out,\
                       rays_cut,matching_us,weighing_us,printing_us\n";
 
-/// Bytes of lines that are packed together: a robot that drives for a day has 30 MB of them.
+/// Bytes of lines that are packed and put aside together: a robot that drives for a day has 30 MB of them.
 const PACKED: usize = 1 << 16;
 
 /// Over a run.
@@ -55,14 +55,19 @@ pub struct ParticleSummary {
 pub struct StepTable {
     /// The newest lines; …
     text: String,
-    /// … the older ones, packed, …
-    packed: Vec<u8>,
-    /// … and where each of the packs ends.
-    ends: Vec<usize>,
+    /// … and the older ones, packed.
+    packs: Vec<Kept>,
+    aside: Aside,
     sums: ParticleSummary,
 }
 
 impl StepTable {
+    /// Older lines go there.
+    pub fn put_aside(&mut self, aside: &Aside) {
+        self.aside = aside.clone();
+        self.packs.iter_mut().for_each(|pack| pack.put_aside(aside));
+    }
+
     /// Takes a step; `scan` counts from 0.
     pub fn add(&mut self, stamp: Instant, scan: usize, step: &FilterReport, times: &StageTimes) {
         let micros = |time: WallDuration| time.as_micros();
@@ -103,11 +108,10 @@ impl StepTable {
     }
 
     fn pack(&mut self) {
-        let mut encoder = DeflateEncoder::new(&mut self.packed, Compression::default());
+        let mut encoder = DeflateEncoder::new(Vec::new(), Compression::default());
         // Writing to memory cannot fail.
-        let _ = encoder.write_all(self.text.as_bytes()).and_then(|()| encoder.try_finish());
-        drop(encoder);
-        self.ends.push(self.packed.len());
+        let packed = encoder.write_all(self.text.as_bytes()).and_then(|()| encoder.finish()).unwrap_or_default();
+        self.packs.push(self.aside.put(packed.into_boxed_slice()));
         self.text.clear();
     }
 
@@ -129,14 +133,13 @@ impl StepTable {
         if self.sums.steps == 0 {
             return Ok(());
         }
-        let mut text = String::from(HEADER);
-        let mut begin = 0;
-        for &end in &self.ends {
-            DeflateDecoder::new(self.packed.get(begin..end).unwrap_or_default()).read_to_string(&mut text)?;
-            begin = end;
-        }
-        text.push_str(&self.text);
-        save_file(file, text.as_bytes())
+        save_by(file, |out| {
+            out.write_all(HEADER.as_bytes())?;
+            for pack in &self.packs {
+                io::copy(&mut DeflateDecoder::new(&*pack.read()), out)?;
+            }
+            out.write_all(self.text.as_bytes())
+        })
     }
 }
 
@@ -146,13 +149,14 @@ mod tests {
 
     #[test]
     fn all_lines_are_written_those_that_were_packed_with_them() {
+        let folder = tempfile::tempdir().unwrap();
         let mut table = StepTable::default();
+        table.put_aside(&Aside::in_folder(folder.path()));
         let (step, times) = (FilterReport::default(), StageTimes::default());
         for scan in 0..5000 {
             table.add(Instant::from_micros(200_000 * scan), scan as usize, &step, &times);
         }
-        assert!(table.ends.len() >= 2 && table.packed.len() < 40_000, "{} in {:?}", table.packed.len(), table.ends);
-        let folder = tempfile::tempdir().unwrap();
+        assert!(table.packs.len() >= 2 && table.packs.iter().all(|pack| pack.read().len() < 20_000));
         let file = folder.path().join("steps.csv");
         table.write(&file).unwrap();
         let text = std::fs::read_to_string(&file).unwrap();

@@ -27,6 +27,7 @@ use crate::mapping::high::{HighCounts, HighParticles, HighSlam};
 use crate::mapping::mapper::Mapper;
 use crate::mapping::{LowLevel, LowPose, MapperMemory, MappingConfig, ParticlePools};
 use crate::maps::occupancy::OccupancyMap;
+use crate::output::Aside;
 use crate::pose_f64::PoseF64;
 use crate::robot::{RobotMap, Sweeps};
 use crate::runs::bag::RunBag;
@@ -87,6 +88,7 @@ pub struct Run<'m, L> {
     /// Stamps of the first and the last scan.
     ends: Option<[Instant; 2]>,
     steps: StepTable,
+    aside: Aside,
     map_from_step: Pose2,
     step_count: usize,
     beams: BeamCounts,
@@ -169,6 +171,7 @@ impl MapRun<'_> {
         );
         let high = HighSlam::restored(&self.config.high_slam(), &saved.path, saved.scans.clone());
         let mut high = high.with_context(|| folder.join(saved_map::FILE_NAME).display().to_string())?;
+        high.put_aside(&self.aside);
         if let Some(correction) = high.drive_on_from(start) {
             let low_pose = self.low.correct(&correction, high.scans())?;
             high.low_goes_on_from(low_pose);
@@ -256,6 +259,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
             fits: Fits::default(),
             ends: None,
             steps: StepTable::default(),
+            aside: Aside::default(),
             map_from_step: Pose2::IDENTITY,
             step_count: 0,
             beams: BeamCounts::default(),
@@ -265,6 +269,13 @@ impl<'m, L: LowLevel> Run<'m, L> {
             bag: None,
             working: WallDuration::ZERO,
         }
+    }
+
+    /// What is wanted again only for the results goes there: a long run takes no more memory than a short one.
+    pub fn put_aside(&mut self, aside: Aside) {
+        self.high.iter_mut().for_each(|high| high.put_aside(&aside));
+        self.steps.put_aside(&aside);
+        self.aside = aside;
     }
 
     /// What is drawn, and what a robot tells, goes into `bag` too.
@@ -300,7 +311,9 @@ impl<'m, L: LowLevel> Run<'m, L> {
     /// Where the robot was at every scan, as the highest level now has it.
     pub fn trajectory(&self) -> Vec<TimedPose> {
         if let Some(high) = &self.high {
-            return high.trajectory().collect();
+            let mut path = Vec::with_capacity(high.poses());
+            path.extend(high.trajectory());
+            return path;
         }
         let path = self.low.path();
         let pose = |place: &ScanPlace| {
@@ -320,8 +333,9 @@ impl<'m, L: LowLevel> Run<'m, L> {
 
     /// Where the robot was at every scan whose pose is to be believed.
     pub fn trusted_trajectory(&self) -> Vec<TimedPose> {
-        let trusted = self.trajectory().into_iter().zip(self.trust());
-        trusted.filter_map(|(pose, is_trusted)| is_trusted.then_some(pose)).collect()
+        let (mut path, mut trust) = (self.trajectory(), self.trust().into_iter());
+        path.retain(|_| trust.next().unwrap_or_default());
+        path
     }
 
     /// What the high level did so far, if there is one.

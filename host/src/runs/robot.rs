@@ -77,11 +77,12 @@ impl<C: Serialize + Clone> RobotRun<C> {
 
     fn new(
         setup: RobotSetup<C>,
-        run: Run<'static, RobotMap>,
+        mut run: Run<'static, RobotMap>,
         (journal, skipped): (Journal, Skipped),
         folder: ResultFolder,
     ) -> Self {
         let RobotSetup { mapping, robot_from_lrf, config } = setup;
+        run.put_aside(folder.aside());
         Self {
             mapping,
             robot_from_lrf,

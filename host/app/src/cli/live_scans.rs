@@ -188,6 +188,7 @@ impl Plan<'_> {
         scans.wait(self.stop)?;
         let start = self.start(&mut scans)?;
         let mut folder = folder()?;
+        map.put_aside(folder.aside());
         if let Some(bag) = &self.bag {
             bag.begin(self.args.overwrites()).map_err(Failure::Start)?;
             map.record(bag.clone());

@@ -31,6 +31,8 @@ pub(super) fn summary(report: &RunReport, out: &Path) -> String {
     text.push('\n');
     push_quality(&mut text, &report.quality);
     text.push_str(&lines(source_notes(&report.source).into_iter().chain(map_notes(report))));
+    // What ended it early is told by who ends it.
+    report.fault.iter().filter(|_| !report.partial).for_each(|fault| text.push_str(&lines([(true, fault.clone())])));
     let state = if report.partial { "partial results" } else { "results" };
     let _ = writeln!(text, "{state} in {}", out.display());
     text

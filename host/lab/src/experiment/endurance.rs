@@ -15,6 +15,7 @@ use serde::Serialize;
 use super::plots::PlotError;
 use crate::evaluation::alignment;
 use lrfslam_host::mapping::MappingConfig;
+use lrfslam_host::output::Aside;
 use lrfslam_host::pose_f64::PoseF64;
 use lrfslam_host::results::report::resident_memory_bytes;
 use lrfslam_host::runs::map::{About, MapRun, RunMemory};
@@ -89,6 +90,7 @@ pub fn run_endurance<C: Serialize + Clone>(
     let (every, results) = (drive.every, tempfile::tempdir()?);
     let mut memory = RunMemory::new(drive.config, 1);
     let mut run = MapRun::new(drive.config, drive.seed, &mut memory)?;
+    run.put_aside(Aside::in_folder(results.path()));
     let (mut stretches, mut times_ms): (Vec<Stretch>, _) = (Vec::new(), Vec::new());
     let mut close = |stretches: &mut Vec<Stretch>, times_ms: &mut Vec<f64>, run: &mut MapRun<'_>, until| {
         let stretch = stretch(times_ms, run, until, (results.path(), &drive.about))?;

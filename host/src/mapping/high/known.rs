@@ -138,7 +138,9 @@ impl HighSlam<'_> {
         for segment in seen {
             let later: Vec<usize> = (segment + 1..=newer).collect();
             if self.is_known(segment, &later, NEWER_VISITS) {
-                self.forgotten.extend(self.segments[segment].poses.take_scans());
+                let poses = &mut self.segments[segment].poses;
+                self.forgotten.extend(poses.take_scans());
+                poses.put_aside(&self.aside);
             }
         }
         self.forget_unless_drawn();

@@ -38,6 +38,7 @@ use self::pieces::Pieces;
 use self::placing::ReferenceState;
 use self::segment::{LowStep, Segment};
 use super::{Correction, LowPose};
+use crate::output::Aside;
 use crate::places::closing::{Closer, Closure, ClosureConfig};
 use crate::places::pose_graph::{Edge, PoseGraph};
 use crate::places::reach_from;
@@ -113,6 +114,8 @@ pub struct HighSlam<'m> {
     low_is_drawing: bool,
     /// Scans to be forgotten when it has: they are being drawn.
     forgotten: Vec<u32>,
+    /// Where poses go that have no scan any more.
+    aside: Aside,
     counts: HighCounts,
 }
 
@@ -136,8 +139,15 @@ impl<'m> HighSlam<'m> {
             reference: ReferenceState::default(),
             low_is_drawing: false,
             forgotten: Vec::new(),
+            aside: Aside::default(),
             counts: HighCounts::default(),
         }
+    }
+
+    /// Where no scan is kept any more, the path goes there.
+    pub fn put_aside(&mut self, aside: &Aside) {
+        self.aside = aside.clone();
+        self.segments.iter_mut().for_each(|segment| segment.poses.put_aside(aside));
     }
 
     /// Takes a scan and where the low level believes it was taken; at the end of a segment, says how the low level is to go on if its
@@ -243,6 +253,7 @@ impl<'m> HighSlam<'m> {
     fn close_segment(&mut self) {
         let mut segment = std::mem::replace(&mut self.open, Segment::empty());
         segment.poses.close();
+        segment.poses.put_aside(&self.aside);
         let end = segment.start_from_end;
         self.kept = self.kept.map(|kept| end.to_f32().between(kept));
         let start = self.segments.len();

@@ -105,6 +105,11 @@ impl HighSlam<'_> {
         }
     }
 
+    /// Number of the scans placed.
+    pub fn poses(&self) -> usize {
+        self.segments.iter().chain([&self.open]).map(|segment| segment.poses.len()).sum()
+    }
+
     /// Every scan's pose, as it is known now.
     pub fn trajectory(&self) -> impl Iterator<Item = TimedPose> {
         self.trajectory_with_trust().map(|(pose, _)| pose)

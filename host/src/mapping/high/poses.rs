@@ -1,13 +1,14 @@
-//! Poses of a segment, which are packed once none of its scans is stored any more: of known ground a robot that drives for a day
-//! keeps its path alone.
+//! Poses of a segment, which are packed and put aside once none of its scans is stored any more: of known ground a robot that drives
+//! for a day keeps its path alone, and that on disk.
 
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::time::{Duration, Instant};
 
 use super::segment::SegmentPose;
+use crate::output::{Aside, Kept};
 
 /// In order. Packed, a pose is some 20 bytes instead of 40, and comes out bit by bit as it was.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default)]
 pub struct SegmentPoses {
     /// None if they are packed.
     poses: Vec<SegmentPose>,
@@ -15,9 +16,9 @@ pub struct SegmentPoses {
 }
 
 /// Poses without scans, one after the other.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default)]
 struct Packed {
-    bytes: Box<[u8]>,
+    bytes: Kept,
     count: usize,
 }
 
@@ -76,6 +77,11 @@ impl SegmentPoses {
         }
     }
 
+    /// What is packed goes to the disk.
+    pub(super) fn put_aside(&mut self, aside: &Aside) {
+        self.packed.bytes.put_aside(aside);
+    }
+
     /// Gives away their scans.
     pub(super) fn take_scans(&mut self) -> Vec<u32> {
         let scans = self.poses.iter_mut().filter_map(|pose| pose.scan.take()).collect();
@@ -96,7 +102,7 @@ impl SegmentPoses {
                 Err(_) => return,
             }
         }
-        self.packed = Packed { bytes: bytes.into_boxed_slice(), count: self.poses.len() };
+        self.packed = Packed { bytes: Kept::Here(bytes.into_boxed_slice()), count: self.poses.len() };
         self.poses = Vec::new();
     }
 
@@ -118,11 +124,11 @@ impl FromIterator<SegmentPose> for SegmentPoses {
 
 impl Packed {
     fn iter(&self) -> impl Iterator<Item = SegmentPose> {
-        let (mut left, mut stamp): (&[u8], _) = (&self.bytes, Instant::default());
+        let (bytes, mut taken, mut stamp) = (self.bytes.read(), 0, Instant::default());
         std::iter::from_fn(move || {
             let ((micros, start_from_robot, slack_m, is_lost), rest) =
-                postcard::take_from_bytes::<PackedPose>(left).ok()?;
-            (left, stamp) = (rest, stamp + Duration { micros });
+                postcard::take_from_bytes::<PackedPose>(bytes.get(taken..)?).ok()?;
+            (taken, stamp) = (bytes.len() - rest.len(), stamp + Duration { micros });
             Some(SegmentPose { stamp, start_from_robot, slack_m, scan: None, is_lost })
         })
     }
@@ -152,10 +158,26 @@ mod tests {
         assert!(packed.poses.is_empty() && !packed.have_scans());
         assert!(packed.iter().eq(poses.iter().map(silent)));
         assert_eq!((packed.len(), packed.last()), (200, poses.last().map(silent)));
-        let bytes = packed.packed.bytes.len();
+        let bytes = packed.packed.bytes.read().len();
         assert!(bytes < 21 * 200, "{bytes} bytes");
         packed.push(pose(200));
         assert_eq!((packed.len(), packed.last()), (201, Some(pose(200))));
+    }
+
+    #[test]
+    fn poses_put_aside_are_on_disk_and_come_out_as_they_were() {
+        let folder = tempfile::tempdir().unwrap();
+        let aside = Aside::in_folder(folder.path());
+        let mut all = [0, 100].map(|first| (first..first + 100).map(pose).collect::<SegmentPoses>());
+        for poses in &mut all {
+            let before: Vec<SegmentPose> = poses.iter().map(|pose| SegmentPose { scan: None, ..pose }).collect();
+            poses.put_aside(&aside);
+            assert!(poses.have_scans(), "scans are wanted");
+            poses.take_scans();
+            poses.put_aside(&aside);
+            assert!(matches!(poses.packed.bytes, Kept::Aside { .. }));
+            assert!(poses.iter().eq(before.iter().copied()) && poses.last() == before.last().copied());
+        }
     }
 
     #[test]

@@ -73,7 +73,7 @@ pub struct SegmentPose {
 }
 
 /// A stretch of the low level's path; see the [module](self).
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Segment {
     /// Poses after the start, in order; the first segment begins with the start itself.
     pub poses: SegmentPoses,

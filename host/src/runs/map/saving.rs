@@ -136,7 +136,7 @@ impl<L: LowLevel> Run<'_, L> {
             cost: self.cost(),
             partial: about.ending != Ending::Complete,
             ending: about.ending,
-            fault: about.fault.clone(),
+            fault: about.fault.clone().or_else(|| self.aside.fault()),
         }
     }
 

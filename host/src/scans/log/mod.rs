@@ -19,11 +19,12 @@ mod format;
 mod mounting;
 mod range_limit;
 mod raw;
+mod stamps;
 mod tinyslam;
 mod told;
 mod ydlidar;
 
-use std::collections::{HashSet, VecDeque};
+use std::collections::VecDeque;
 use std::io::Read;
 use std::path::Path;
 
@@ -41,6 +42,7 @@ use self::bag::{Source, bag_at};
 use self::mounting::Mounting;
 use self::range_limit::RangeLimit;
 use self::raw::{Bearings, Content, LineReader, RawScan};
+use self::stamps::Stamps;
 use crate::input::text::{ByteCount, FieldFault, LINE_BYTES_MAX, Line, LineFault, Lines, fault};
 use crate::scans::bags::TfWanted;
 
@@ -114,7 +116,7 @@ pub struct LogReader {
     scans_read: u64,
     content_lines: u64,
     last_stamp: Option<Instant>,
-    stamps: HashSet<Instant>,
+    stamps: Stamps,
     counts: LogCounts,
 }
 
@@ -160,7 +162,7 @@ impl LogReader {
             scans_read: 0,
             content_lines: 0,
             last_stamp: None,
-            stamps: HashSet::new(),
+            stamps: Stamps::default(),
             counts: LogCounts::default(),
         };
         while reader.ahead.len() < LOOK_AHEAD && !reader.ended {
