@@ -41,7 +41,7 @@ impl KnownMap {
 
     /// Draws its scans.
     pub fn draw(&self, map: &mut OccupancyMap) {
-        self.high.draw(map);
+        self.high.each_scan(&mut |sweep, map_from_robot| map.insert(sweep, map_from_robot));
     }
 
     pub(super) fn walls(&self) -> &Submap {

@@ -2,6 +2,7 @@
 
 pub mod cloud;
 pub mod colours;
+pub mod contradictions;
 pub mod io;
 pub mod occupancy;
 pub mod picture;

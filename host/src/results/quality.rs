@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use crate::mapping::LowPose;
 use crate::mapping::high::HighCounts;
+use crate::maps::contradictions::RevisitedWalls;
 use crate::plural;
 use crate::trajectory::TimedPose;
 
@@ -22,6 +23,10 @@ const MOVED_M: f64 = 0.1;
 const REFUTED_MIN: u64 = 3;
 /// … and they are this share of all. Closures are verified strictly: on logs with nothing wrong hardly one in fifty is refuted. Both chosen.
 const REFUTED_SHARE: f64 = 0.1;
+/// A map is not to be trusted if so much wall is contradicted, m: less can be what somebody moved; …
+const CONTRADICTED_MIN_M: f64 = 5.0;
+/// … and it is this share of the walls that the robot came back to. Chosen in the gap between good maps and wrecked ones: docs/accuracy.md.
+const CONTRADICTED_SHARE: f64 = 1.0 / 6.0;
 /// So many scans in a row that fit nowhere, and the robot may have been carried away meanwhile.
 const LOST_SCANS: usize = 5;
 
@@ -108,6 +113,10 @@ pub struct Quality {
     pub loops_found: u64,
     /// How many of these contradict the rest of the path: [`HighCounts::closures_refuted`].
     pub loops_refuted: u64,
+    /// Length of the walls that the robot came back to, m: [`RevisitedWalls`].
+    pub walls_revisited_m: f64,
+    /// Length of those that stand where another visit saw through, m: parts of the map are drawn twice, or something was moved.
+    pub walls_contradicted_m: f64,
     /// Pieces of map that are not joined to it, and not in it.
     pub pieces_apart: u64,
     /// Share of the scans that fit the map and determine every axis.
@@ -124,8 +133,13 @@ impl Quality {
     /// What a run noticed whose scans agreed with the map like this, in their order.
     ///
     /// * `trajectory` — the poses of these scans, after those of a map made before
-    /// * `high` — what the level that closes loops did, if there is one
-    pub fn of(fits: &Fits, trajectory: &[TimedPose], map_size_m: Option<[f64; 2]>, high: Option<&HighCounts>) -> Self {
+    /// * `high` — what the level that closes loops did, if there is one; `walls` — of the map that is drawn of all
+    pub fn of(
+        fits: &Fits,
+        trajectory: &[TimedPose],
+        map_size_m: Option<[f64; 2]>,
+        (high, walls): (Option<&HighCounts>, &RevisitedWalls),
+    ) -> Self {
         let well = fits.iter().filter(|fit| *fit == Fit::Well).count();
         let own = &trajectory[trajectory.len().saturating_sub(fits.scans())..];
         let mut quality = Self {
@@ -135,6 +149,8 @@ impl Quality {
             loops_moved_m: high.filter(|high| high.closures > 0).map(|high| f64::from(high.largest_move_m)),
             loops_found: high.map_or(0, |high| high.closures_found),
             loops_refuted: high.map_or(0, |high| high.closures_refuted),
+            walls_revisited_m: walls.length_m(),
+            walls_contradicted_m: walls.contradicted_m(),
             pieces_apart: high.map_or(0, |high| high.pieces_apart),
             matched_well: well as f64 / fits.scans().max(1) as f64,
             lost: stretches(fits, own, Fit::Lost),
@@ -184,7 +200,7 @@ fn stretches(fits: &Fits, path: &[TimedPose], fit: Fit) -> Vec<Stretch> {
 /// One plain sentence.
 fn trust(quality: &Quality) -> String {
     let Quality { path_m, map_size_m, loops_closed, loops_moved_m, lost, undetermined, .. } = quality;
-    let loops_refuted = quality.loops_refuted;
+    let (loops_refuted, contradicted_m) = (quality.loops_refuted, quality.walls_contradicted_m);
     let lost = lost.iter().find(|stretch| stretch.scans >= LOST_SCANS);
     let moved_m = loops_moved_m.filter(|m| *m >= MOVED_M);
     let unchecked = moved_m.map_or_else(String::new, |m| {
@@ -193,6 +209,11 @@ fn trust(quality: &Quality) -> String {
     let guessed_m: f64 = undetermined.iter().map(|stretch| stretch.path_m).filter(|m| *m > GUESSED_M).sum();
     if map_size_m.is_none() {
         "there is no map".to_owned()
+    } else if contradicted_m >= CONTRADICTED_MIN_M && contradicted_m >= CONTRADICTED_SHARE * quality.walls_revisited_m {
+        format!(
+            "do not trust it: {contradicted_m:.0} of {:.0} m of wall that the robot came back to stand where it saw through on another visit; parts of the map are drawn twice",
+            quality.walls_revisited_m
+        )
     } else if loops_refuted >= REFUTED_MIN && loops_refuted as f64 >= REFUTED_SHARE * quality.loops_found as f64 {
         format!(
             "do not trust it: {loops_refuted} of {} places that the robot recognised contradict the rest of the map",
@@ -258,7 +279,7 @@ mod tests {
             map_from_robot: Pose2::new(100.0 * i as f32, 0.0, 0.0),
         });
         let path: Vec<_> = before.chain(path).collect();
-        let quality = Quality::of(&fits, &path, Some([5.0, 5.0]), None);
+        let quality = Quality::of(&fits, &path, Some([5.0, 5.0]), (None, &RevisitedWalls::default()));
         assert_eq!(quality.lost, [Stretch { from_s: 0.5, to_s: 1.0, scans: 2, path_m: 0.25 }]);
         assert_eq!(quality.matched_well, 0.5);
     }
@@ -286,6 +307,15 @@ mod tests {
         let refuted = |loops_refuted, loops_found| trust(&Quality { loops_refuted, loops_found, ..good.clone() });
         assert_eq!([refuted(2, 4), refuted(4, 131)], [trust(&good), trust(&good)]);
         assert!(refuted(14, 97).contains("do not trust it: 14 of 97 places"), "{}", refuted(14, 97));
+        let drawn_twice = |walls_contradicted_m, walls_revisited_m| {
+            trust(&Quality { walls_contradicted_m, walls_revisited_m, ..good.clone() })
+        };
+        assert_eq!([drawn_twice(4.9, 5.0), drawn_twice(66.0, 400.0)], [trust(&good), trust(&good)]);
+        assert!(
+            drawn_twice(67.0, 400.0).contains("do not trust it: 67 of 400 m of wall"),
+            "{}",
+            drawn_twice(67.0, 400.0)
+        );
         let corridor = Quality { undetermined: vec![stretch(50, 12.0)], ..good.clone() };
         assert!(trust(&corridor).contains("12 m of way"));
         let lost = Quality { lost: vec![stretch(50, 1.0)], ..corridor };

@@ -1,10 +1,10 @@
 //! Where stored scans lie: for the submaps of a closure, for the low level to go on in, and for the final path and map.
 
 use lrfslam_core::geometry::Pose2;
+use lrfslam_core::sweep::Sweep;
 
 use super::HighSlam;
 use super::segment::{Segment, SegmentPose, TRAVEL_M};
-use crate::maps::occupancy::OccupancyMap;
 use crate::places::closing::Closure;
 use crate::places::correlation::SearchWindow;
 use crate::places::submap::Submap;
@@ -141,12 +141,12 @@ impl HighSlam<'_> {
         apart(self.segments_of(piece).flat_map(|k| self.scans_of(k)), step_m, step_rad)
     }
 
-    /// Draws the scans kept where they are known to be now.
-    pub fn draw(&self, map: &mut OccupancyMap) {
+    /// Hands out the scans kept, and where the robot is known to have been, in the order of the way.
+    pub fn each_scan(&self, take: &mut dyn FnMut(&Sweep<'_>, Pose2)) {
         let mut beams = Vec::new();
         for (map_from_robot, scan) in self.segments_of(self.main_piece()).flat_map(|k| self.scans_of(k)) {
             if let Some(sweep) = self.scans.sweep(scan as usize, &mut beams) {
-                map.insert(&sweep, map_from_robot);
+                take(&sweep, map_from_robot);
             }
         }
     }

@@ -5,12 +5,15 @@ use std::path::Path;
 use std::time::Instant as WallInstant;
 
 use anyhow::Context as _;
+use lrfslam_core::geometry::Pose2;
+use lrfslam_core::sweep::Sweep;
 use serde::Serialize;
 
 use super::Run;
 use crate::mapping::LowLevel;
 use crate::mapping::high::HighSlam;
 use crate::mapping::saved_map::{self, map_of};
+use crate::maps::contradictions::RevisitedWalls;
 use crate::maps::io::{PGM_SIDE_MAX, write_map};
 use crate::maps::occupancy::{OccupancyMap, Raster};
 use crate::maps::picture::{PictureNotes, write_picture};
@@ -84,7 +87,8 @@ impl<L: LowLevel> Run<'_, L> {
 
     fn quality_of(&self, trajectory: &[TimedPose], raster: Option<&Raster>) -> Quality {
         let size_m = raster.map(|raster| [raster.width, raster.height].map(|side| side as f64 * raster.pixel_size_m));
-        Quality::of(&self.fits, trajectory, size_m, self.high_counts().as_ref())
+        let walls = RevisitedWalls::find(|take| self.each_scan(trajectory, take));
+        Quality::of(&self.fits, trajectory, size_m, (self.high_counts().as_ref(), &walls))
     }
 
     /// Writes all that is needed to draw the map again.
@@ -107,17 +111,21 @@ impl<L: LowLevel> Run<'_, L> {
             return Cow::Borrowed(&self.map);
         }
         let mut map = OccupancyMap::new(self.config.map);
+        self.each_scan(trajectory, &mut |sweep, map_from_robot| map.insert(sweep, map_from_robot));
+        Cow::Owned(map)
+    }
+
+    /// Hands out the kept scans, and where the robot was by the highest level, in the order of the way.
+    fn each_scan(&self, trajectory: &[TimedPose], take: &mut dyn FnMut(&Sweep<'_>, Pose2)) {
         if let Some(high) = &self.high {
-            high.draw(&mut map);
-            return Cow::Owned(map);
+            return high.each_scan(take);
         }
         let mut beams = Vec::new();
         for (scan, place) in self.drawn.iter().enumerate() {
             if let (Some(sweep), Some(pose)) = (self.scans.sweep(scan, &mut beams), trajectory.get(*place)) {
-                map.insert(&sweep, pose.map_from_robot);
+                take(&sweep, pose.map_from_robot);
             }
         }
-        Cow::Owned(map)
     }
 
     fn report<C: Clone>(&self, about: &About<C>, quality: Quality) -> RunReport<C> {
