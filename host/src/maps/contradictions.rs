@@ -19,7 +19,7 @@ use lrfslam_core::sweep::Sweep;
 
 /// Edge of a cell, m: walls of a good map are thinner. This and all that follow were chosen; others of half and twice the size tell
 /// good maps from wrecked ones as well.
-const CELL_M: f32 = 0.15;
+pub const CELL_M: f32 = 0.15;
 /// Hits and ways of rays count so far, m.
 const REACH_M: f32 = 8.0;
 /// A ray says nothing about the last part of its way to a hit, m.

@@ -160,6 +160,16 @@ impl Quality {
         quality.trust = trust(&quality);
         quality
     }
+
+    /// So many walls are contradicted that parts of the map must be drawn twice.
+    pub fn is_drawn_twice(&self) -> bool {
+        self.walls_contradicted_m >= CONTRADICTED_MIN_M && self.contradicted_share() >= CONTRADICTED_SHARE
+    }
+
+    /// Share of the walls that the robot came back to which are contradicted, 0 to 1.
+    pub fn contradicted_share(&self) -> f64 {
+        self.walls_contradicted_m / self.walls_revisited_m.max(f64::EPSILON)
+    }
 }
 
 fn path_length_m(path: &[TimedPose]) -> f64 {
@@ -200,7 +210,7 @@ fn stretches(fits: &Fits, path: &[TimedPose], fit: Fit) -> Vec<Stretch> {
 /// One plain sentence.
 fn trust(quality: &Quality) -> String {
     let Quality { path_m, map_size_m, loops_closed, loops_moved_m, lost, undetermined, .. } = quality;
-    let (loops_refuted, contradicted_m) = (quality.loops_refuted, quality.walls_contradicted_m);
+    let loops_refuted = quality.loops_refuted;
     let lost = lost.iter().find(|stretch| stretch.scans >= LOST_SCANS);
     let moved_m = loops_moved_m.filter(|m| *m >= MOVED_M);
     let unchecked = moved_m.map_or_else(String::new, |m| {
@@ -209,10 +219,10 @@ fn trust(quality: &Quality) -> String {
     let guessed_m: f64 = undetermined.iter().map(|stretch| stretch.path_m).filter(|m| *m > GUESSED_M).sum();
     if map_size_m.is_none() {
         "there is no map".to_owned()
-    } else if contradicted_m >= CONTRADICTED_MIN_M && contradicted_m >= CONTRADICTED_SHARE * quality.walls_revisited_m {
+    } else if quality.is_drawn_twice() {
         format!(
-            "do not trust it: {contradicted_m:.0} of {:.0} m of wall that the robot came back to stand where it saw through on another visit; parts of the map are drawn twice",
-            quality.walls_revisited_m
+            "do not trust it: {:.0} of {:.0} m of wall that the robot came back to stand where it saw through on another visit; parts of the map are drawn twice",
+            quality.walls_contradicted_m, quality.walls_revisited_m
         )
     } else if loops_refuted >= REFUTED_MIN && loops_refuted as f64 >= REFUTED_SHARE * quality.loops_found as f64 {
         format!(

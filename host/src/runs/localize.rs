@@ -201,7 +201,7 @@ impl<'m> LocalizeRun<'m> {
         self.map.draw(&mut drawn);
         if let Some(raster) = drawn.raster(drawing.picture_px) {
             let (has_times, found_after_s) = (report.source.has_times(), after.unwrap_or(0.0));
-            let notes = PictureNotes { truth: &[], has_times, found_after_s, trust: &[] };
+            let notes = PictureNotes { truth: &[], has_times, found_after_s, trust: &[], contradicted: &[] };
             write_picture(&folder.join(PICTURE), &raster, path, &notes)?;
         }
         Ok(report)

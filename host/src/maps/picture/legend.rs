@@ -1,7 +1,7 @@
 //! What the marks and colours of a map's picture mean, in words.
 
 use super::canvas::{Canvas, Rgb};
-use super::{END, FREE, MARGIN, OCCUPIED, START, TRUTH, UNKNOWN};
+use super::{CONTRADICTED, END, FREE, MARGIN, OCCUPIED, START, TRUTH, UNKNOWN};
 
 /// From one entry to the next, pixels.
 const SPACE: usize = 22;
@@ -17,17 +17,18 @@ enum Sample {
 }
 
 /// Draws the legend with its middle at height `y`.
-pub(super) fn draw_legend(canvas: &mut Canvas, y: usize, has_truth: bool) {
+pub(super) fn draw_legend(canvas: &mut Canvas, y: usize, [has_contradicted, has_truth]: [bool; 2]) {
     let entries = [
-        (Sample::Disc(START), "start"),
-        (Sample::Disc(END), "end"),
-        (Sample::Square(OCCUPIED), "wall"),
-        (Sample::Square(FREE), "free"),
-        (Sample::Square(UNKNOWN), "unknown"),
-        (Sample::Line(TRUTH), "truth"),
+        (true, Sample::Disc(START), "start"),
+        (true, Sample::Disc(END), "end"),
+        (true, Sample::Square(OCCUPIED), "wall"),
+        (has_contradicted, Sample::Square(CONTRADICTED), "drawn twice"),
+        (true, Sample::Square(FREE), "free"),
+        (true, Sample::Square(UNKNOWN), "unknown"),
+        (has_truth, Sample::Line(TRUTH), "truth"),
     ];
     let mut x = MARGIN;
-    for (sample, word) in entries.into_iter().take(if has_truth { 6 } else { 5 }) {
+    for (_, sample, word) in entries.into_iter().filter(|(is_there, ..)| *is_there) {
         draw_sample(canvas, (x, y), &sample);
         canvas.text(x + 24, y - 7, 2, word, OCCUPIED);
         x += 24 + Canvas::text_width(2, word) + SPACE;

@@ -14,6 +14,7 @@ use std::io;
 use std::path::Path;
 
 use anyhow::Context as _;
+use lrfslam_core::geometry::Point2;
 
 pub use self::cloud::{CloudView, cloud_png};
 pub use self::landmarks::{LandmarkScene, landmarks_png};
@@ -22,6 +23,7 @@ pub use self::scan::scan_png;
 use self::canvas::{Canvas, Rgb};
 use self::legend::draw_legend;
 use crate::maps::colours::colour_at;
+use crate::maps::contradictions::CELL_M;
 use crate::maps::occupancy::{Occupancy, Raster};
 use crate::output::{cannot_write, save_file};
 use crate::plural::count;
@@ -31,6 +33,7 @@ const FREE: Rgb = [255, 255, 255];
 const UNKNOWN: Rgb = [226, 230, 235];
 const OCCUPIED: Rgb = [28, 34, 43];
 const TRUTH: Rgb = [250, 205, 120];
+const CONTRADICTED: Rgb = [214, 40, 190];
 const START: Rgb = [22, 130, 60];
 const END: Rgb = [200, 28, 40];
 
@@ -54,6 +57,8 @@ pub struct PictureNotes<'a> {
     pub found_after_s: f64,
     /// Which poses are believed, as many as there are; empty if all are. The path has a gap where one is not.
     pub trust: &'a [bool],
+    /// Walls of parts that are drawn twice.
+    pub contradicted: &'a [Point2],
 }
 
 impl PictureNotes<'_> {
@@ -86,6 +91,7 @@ pub fn png(raster: &Raster, poses: &[TimedPose], notes: &PictureNotes<'_>) -> io
         let (x, y) = raster.position(pose.map_from_robot.position());
         (x * zoom as f64 + MARGIN as f64, y * zoom as f64 + MARGIN as f64)
     };
+    mark_walls(&mut canvas, raster, zoom, notes.contradicted);
     for pair in notes.truth.windows(2) {
         canvas.line(place(&pair[0]), place(&pair[1]), 4.0, TRUTH);
     }
@@ -96,7 +102,7 @@ pub fn png(raster: &Raster, poses: &[TimedPose], notes: &PictureNotes<'_>) -> io
     if let Some([first, last]) = times(poses, notes) {
         draw_colours(&mut canvas, [&first, &last]);
     }
-    draw_legend(&mut canvas, footer + FOOTER_ROWS[1], !notes.truth.is_empty());
+    draw_legend(&mut canvas, footer + FOOTER_ROWS[1], [!notes.contradicted.is_empty(), !notes.truth.is_empty()]);
     encode(&canvas)
 }
 
@@ -125,6 +131,15 @@ fn draw_map(raster: &Raster, zoom: usize) -> Canvas {
     }
     canvas.fill(0, canvas.height - FOOTER, width, FOOTER, FREE);
     canvas
+}
+
+fn mark_walls(canvas: &mut Canvas, raster: &Raster, zoom: usize, walls: &[Point2]) {
+    let side = (f64::from(CELL_M) / raster.pixel_size_m * zoom as f64).max(1.0);
+    for wall in walls {
+        let (x, y) = raster.position(*wall);
+        let corner = |middle: f64| (middle * zoom as f64 + MARGIN as f64 - side / 2.0).max(0.0) as usize;
+        canvas.fill(corner(x), corner(y), side.round() as usize, side.round() as usize, CONTRADICTED);
+    }
 }
 
 /// * `path` — `None` where nobody knows
@@ -207,7 +222,8 @@ mod tests {
         map.raster(side_max).unwrap()
     }
 
-    const NOTES: PictureNotes<'_> = PictureNotes { truth: &[], has_times: true, found_after_s: 0.0, trust: &[] };
+    const NOTES: PictureNotes<'_> =
+        PictureNotes { truth: &[], has_times: true, found_after_s: 0.0, trust: &[], contradicted: &[] };
 
     fn poses() -> Vec<TimedPose> {
         let pose = |i: i32| TimedPose {
@@ -248,6 +264,27 @@ mod tests {
     }
 
     #[test]
+    fn walls_that_are_drawn_twice_are_marked_where_they_are() {
+        let raster = raster(4000);
+        let marked = |contradicted: &[Point2]| {
+            let (width, pixels) = pixels(png(&raster, &poses(), &PictureNotes { contradicted, ..NOTES }).unwrap());
+            let places = pixels.chunks(3).enumerate().filter(|(_, pixel)| *pixel == CONTRADICTED);
+            let map = places.map(|(index, _)| (index % width, index / width));
+            map.filter(|(_, y)| *y < pixels.len() / 3 / width - FOOTER).collect::<Vec<_>>()
+        };
+        let zoom = 1000_usize.div_ceil(raster.width);
+        let at = Point2::new(-3.0, 1.5);
+        let (x, y) = raster.position(at);
+        let places = marked(&[at, Point2::new(1e9, f32::NAN)]);
+        assert_eq!(places.len(), (0.15 / raster.pixel_size_m * zoom as f64).round().powi(2) as usize);
+        let near = |found: usize, wanted: f64| {
+            (found as f64 - wanted * zoom as f64 - MARGIN as f64).abs() <= 2.0 * zoom as f64
+        };
+        assert!(places.iter().all(|place| near(place.0, x) && near(place.1, y)), "{places:?}");
+        assert!(marked(&[]).is_empty());
+    }
+
+    #[test]
     fn legend_names_all_marks_and_the_truth_where_it_is_drawn() {
         let (raster, poses) = (raster(4000), poses());
         let footer = |notes: &PictureNotes<'_>| {
@@ -258,6 +295,8 @@ mod tests {
         let plain = footer(&NOTES);
         assert!([UNKNOWN, OCCUPIED, START, END].into_iter().all(|colour| has(&plain, colour)) && !has(&plain, TRUTH));
         assert!(has(&footer(&PictureNotes { truth: &poses, ..NOTES }), TRUTH));
+        let twice = footer(&PictureNotes { contradicted: &[Point2::new(1.0, 1.0)], ..NOTES });
+        assert!(has(&twice, CONTRADICTED) && !has(&plain, CONTRADICTED));
     }
 
     #[test]

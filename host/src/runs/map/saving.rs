@@ -57,12 +57,14 @@ impl<L: LowLevel> Run<'_, L> {
             write_map(folder, "map", raster)?;
             self.bag.iter().for_each(|bag| bag.map(raster));
         }
+        let walls = self.revisited_walls(&trajectory);
+        let quality = self.quality_of(&trajectory, raster.as_ref(), &walls);
         if let Some(raster) = map.raster(self.config.map.picture_px) {
             let (has_times, trust) = (about.source.has_times(), &*self.trust());
-            let notes = PictureNotes { truth: &[], has_times, found_after_s: 0.0, trust };
+            let contradicted = if quality.is_drawn_twice() { &*walls.contradicted } else { &[] };
+            let notes = PictureNotes { truth: &[], has_times, found_after_s: 0.0, trust, contradicted };
             write_picture(&folder.join("map.png"), &raster, &trajectory, &notes)?;
         }
-        let quality = self.quality_of(&trajectory, raster.as_ref());
         self.steps.write(&folder.join("steps.csv"))?;
         self.save_map(folder, &trajectory, toml::to_string(&about.config)?)
             .with_context(|| cannot_write(&folder.join(saved_map::FILE_NAME)))?;
@@ -82,13 +84,17 @@ impl<L: LowLevel> Run<'_, L> {
     /// What it noticed of itself so far. Costs as much as drawing the map.
     pub fn quality(&self) -> Quality {
         let trajectory = self.trajectory();
-        self.quality_of(&trajectory, self.drawn(&trajectory).raster(PGM_SIDE_MAX).as_ref())
+        let raster = self.drawn(&trajectory).raster(PGM_SIDE_MAX);
+        self.quality_of(&trajectory, raster.as_ref(), &self.revisited_walls(&trajectory))
     }
 
-    fn quality_of(&self, trajectory: &[TimedPose], raster: Option<&Raster>) -> Quality {
+    fn revisited_walls(&self, trajectory: &[TimedPose]) -> RevisitedWalls {
+        RevisitedWalls::find(|take| self.each_scan(trajectory, take))
+    }
+
+    fn quality_of(&self, trajectory: &[TimedPose], raster: Option<&Raster>, walls: &RevisitedWalls) -> Quality {
         let size_m = raster.map(|raster| [raster.width, raster.height].map(|side| side as f64 * raster.pixel_size_m));
-        let walls = RevisitedWalls::find(|take| self.each_scan(trajectory, take));
-        Quality::of(&self.fits, trajectory, size_m, (self.high_counts().as_ref(), &walls))
+        Quality::of(&self.fits, trajectory, size_m, (self.high_counts().as_ref(), walls))
     }
 
     /// Writes all that is needed to draw the map again.

@@ -121,7 +121,7 @@ fn write_path_picture(
         before = Some(pose);
     }
     let Some(raster) = map.raster(config.map.picture_px) else { return Ok(()) };
-    let notes = PictureNotes { truth, has_times: true, found_after_s: 0.0, trust: &[] };
+    let notes = PictureNotes { truth, has_times: true, found_after_s: 0.0, trust: &[], contradicted: &[] };
     write_picture(file, &raster, path, &notes)
 }
 

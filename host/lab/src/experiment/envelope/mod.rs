@@ -45,6 +45,8 @@ pub struct EnvelopeRun {
     pub share_above_10_cm: f64,
     /// Scans that agreed too little with the map to be believed.
     pub lost_scans: u64,
+    /// Share of the walls seen again that another visit saw through, 0 to 1: [`Quality::contradicted_share`].
+    pub contradicted_share: f64,
     /// How far to trust the map, as the run itself says: [`Quality::trust`].
     pub trust: String,
 }
@@ -79,6 +81,7 @@ pub fn run_envelope(
         lost_scans += u64::from(step.odometry.is_lost);
     }
     let report = evaluate_relations(&map.trajectory(), relations, Duration::ZERO)?;
+    let quality = results(&mut map)?;
     Ok(Some(EnvelopeRun {
         row,
         seed,
@@ -90,7 +93,8 @@ pub fn run_envelope(
         mean_deg: report.rotation_deg.mean,
         share_above_10_cm: report.share_above_10_cm,
         lost_scans,
-        trust: results(&mut map)?.trust,
+        contradicted_share: quality.contradicted_share(),
+        trust: quality.trust,
     }))
 }
 
@@ -109,15 +113,16 @@ fn best_first(scans: &[LogScan], every: usize, relations: &[Relation]) -> (usize
 
 /// A line for each run.
 pub fn envelope_csv(runs: &[EnvelopeRun]) -> String {
-    let mut text =
-        String::from("row,seed,scans,relations,mean_m,std_m,max_m,mean_deg,share_above_10_cm,lost_scans,trust\n");
+    let mut text = String::from(
+        "row,seed,scans,relations,mean_m,std_m,max_m,mean_deg,share_above_10_cm,lost_scans,contradicted_share,trust\n",
+    );
     for run in runs {
         let EnvelopeRun { row, seed, scans, relations, mean_m, std_m, max_m, mean_deg, .. } = run;
-        let EnvelopeRun { share_above_10_cm, lost_scans, trust, .. } = run;
+        let EnvelopeRun { share_above_10_cm, lost_scans, contradicted_share, trust, .. } = run;
         // Writing to a string cannot fail. The sentence has commas, and no quotation marks.
         let _ = writeln!(
             text,
-            "{row},{seed},{scans},{relations},{mean_m:.5},{std_m:.5},{max_m:.3},{mean_deg:.4},{share_above_10_cm:.4},{lost_scans},\"{trust}\""
+            "{row},{seed},{scans},{relations},{mean_m:.5},{std_m:.5},{max_m:.3},{mean_deg:.4},{share_above_10_cm:.4},{lost_scans},{contradicted_share:.4},\"{trust}\""
         );
     }
     text
@@ -134,11 +139,11 @@ fn spread(runs: &[EnvelopeRun], number: impl Fn(&EnvelopeRun) -> f64) -> (f64, f
     (numbers().sum::<f64>() / runs.len() as f64, numbers().fold(f64::MAX, f64::min), numbers().fold(f64::MIN, f64::max))
 }
 
-/// What came out, row by row, as a table in Markdown: the mean over the seeds. Below it, what each run says of its map.
+/// What came out, row by row, as a table in Markdown: the mean over the seeds; "drawn twice" is [`EnvelopeRun::contradicted_share`]. Below it, what each run says of its map.
 pub fn envelope_markdown(runs: &[EnvelopeRun]) -> String {
     let mut text = String::from(
-        "| row | scans | relations | error, m | least, largest | σ, m | worst, m | error, ° | above 10 cm, % | lost scans |\n\
-         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+        "| row | scans | relations | error, m | least, largest | σ, m | worst, m | error, ° | above 10 cm, % | lost scans | drawn twice, % |\n\
+         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
     );
     for of in rows(runs) {
         let EnvelopeRun { row, scans, relations, .. } = &of[0];
@@ -147,9 +152,10 @@ pub fn envelope_markdown(runs: &[EnvelopeRun]) -> String {
         let worst = spread(of, |run| run.max_m).2;
         let (std_m, deg) = (mean(|run| run.std_m), mean(|run| run.mean_deg));
         let (above, lost) = (100.0 * mean(|run| run.share_above_10_cm), mean(|run| run.lost_scans as f64));
+        let twice = 100.0 * mean(|run| run.contradicted_share);
         let _ = writeln!(
             text,
-            "| {row} | {scans} | {relations} | {error:.3} | {least:.3}, {largest:.3} | {std_m:.3} | {worst:.2} | {deg:.2} | {above:.1} | {lost:.0} |"
+            "| {row} | {scans} | {relations} | {error:.3} | {least:.3}, {largest:.3} | {std_m:.3} | {worst:.2} | {deg:.2} | {above:.1} | {lost:.0} | {twice:.1} |"
         );
     }
     text.push_str("\nWhat each run says of its map:\n\n");
@@ -176,6 +182,7 @@ mod tests {
             mean_deg,
             share_above_10_cm,
             lost_scans,
+            contradicted_share: 0.125,
             trust: "trust it but along 9 m, say".to_owned(),
         }
     }
@@ -186,13 +193,13 @@ mod tests {
         let csv = envelope_csv(&runs);
         assert_eq!(
             csv.lines().nth(2),
-            Some("as-is,2,10,7,0.04000,0.01000,0.060,0.5000,0.2500,3,\"trust it but along 9 m, say\"")
+            Some("as-is,2,10,7,0.04000,0.01000,0.060,0.5000,0.2500,3,0.1250,\"trust it but along 9 m, say\"")
         );
         let table = envelope_markdown(&runs);
         assert_eq!(table.lines().take_while(|line| line.starts_with('|')).count(), 4);
         assert!(table.ends_with("\n- scans-8, seed 2: trust it but along 9 m, say\n"), "{table}");
         assert!(
-            table.contains("| as-is | 10 | 7 | 0.030 | 0.020, 0.040 | 0.010 | 0.06 | 0.50 | 25.0 | 3 |"),
+            table.contains("| as-is | 10 | 7 | 0.030 | 0.020, 0.040 | 0.010 | 0.06 | 0.50 | 25.0 | 3 | 12.5 |"),
             "{table}"
         );
         let svg = plot_envelope(&runs).unwrap();
