@@ -47,6 +47,11 @@ impl Aside {
         }
     }
 
+    /// So many lie on disk.
+    pub fn bytes(&self) -> u64 {
+        self.0.as_ref().map_or(0, |file| lock(file).end)
+    }
+
     /// The first fault of the disk when something was to be read back, in words: that is missing in what was made of it.
     pub fn fault(&self) -> Option<String> {
         self.0.as_ref().and_then(|file| lock(file).fault.clone())
@@ -128,7 +133,7 @@ mod tests {
             assert_eq!(kept[usize::from(number)].read(), bytes(number).as_ref());
         }
         assert_eq!(folder.path().read_dir().unwrap().count(), 0);
-        assert_eq!(aside.fault(), None);
+        assert_eq!((aside.fault(), aside.bytes()), (None, (100..150).sum()));
     }
 
     #[test]

@@ -7,6 +7,7 @@ use lrfslam_app::config::RunConfig;
 use lrfslam_core::geometry::Pose2;
 use lrfslam_core::scan::Echo;
 use lrfslam_core::time::{Duration, Instant};
+use lrfslam_host::output::Aside;
 use lrfslam_host::runs::map::{MapRun, RunMemory};
 use lrfslam_host::scans::log::{LogReader, LogScan};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
@@ -134,9 +135,11 @@ fn crowds_few_beams_and_slow_scans_cost_little() {
     }
 }
 
-/// Maps the same lap of scans again and again; the run, and the scans kept after each lap.
+/// Maps the same lap of scans again and again, as the program does, with its path on disk; the run, and the scans kept after each lap.
 fn rounds<'m>(lap: &[LogScan], scans: &[LogScan], memory: &'m mut RunMemory) -> (MapRun<'m>, Vec<u64>) {
     let mut run = MapRun::new(&RunConfig::default().mapping(), 1, memory).unwrap();
+    let aside = Aside::in_folder(Path::new(env!("CARGO_TARGET_TMPDIR")));
+    run.put_aside(aside.clone());
     let mut kept = Vec::new();
     for (at, scan) in scans.iter().enumerate() {
         run.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or(Pose2::IDENTITY), None).unwrap();
@@ -144,7 +147,9 @@ fn rounds<'m>(lap: &[LogScan], scans: &[LogScan], memory: &'m mut RunMemory) -> 
             kept.push(run.high_counts().unwrap().scans_kept);
         }
     }
-    println!("scans kept after each lap: {kept:?}");
+    println!("scans kept after each lap: {kept:?}; {} bytes of path and steps on disk", aside.bytes());
+    // Of most rounds no scan is kept: some 20 bytes of path for each.
+    assert!(aside.bytes() > 10 * scans.len() as u64 && aside.fault().is_none(), "{aside:?}");
     (run, kept)
 }
 
