@@ -22,6 +22,9 @@ const STEP_MIN: f64 = 1e-5;
 /// χ² (three degrees of freedom) at which a closure is half believed.
 const CHI2_DOUBTED: f64 = 12.0;
 
+/// So many times the worst χ²: every closure is believed to nine tenths and more there.
+const ALIKE: f64 = 20.0;
+
 /// What was measured between two nodes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Edge {
@@ -200,7 +203,18 @@ impl PoseGraph {
     /// Puts the nodes where they are most likely; returns the closures that do not agree with the rest (indices of
     /// edges, ascending). They are believed the less the worse they fit.
     pub fn solve(&mut self) -> Vec<usize> {
-        let mut scale = self.closures().map(|(_, edge)| edge.chi2(&self.nodes)).fold(CHI2_DOUBTED, f64::max);
+        self.solve_from(1.0)
+    }
+
+    /// The same, with all closures believed alike at first: where the nodes are now does not count, nor does who came first.
+    pub fn solve_anew(&mut self) -> Vec<usize> {
+        self.solve_from(ALIKE)
+    }
+
+    /// * `doubt` — the worst closure is half believed at first if it is 1, and more than that if it is larger
+    fn solve_from(&mut self, doubt: f64) -> Vec<usize> {
+        let worst = self.closures().map(|(_, edge)| edge.chi2(&self.nodes)).fold(0.0, f64::max);
+        let mut scale = f64::max(doubt * worst, CHI2_DOUBTED);
         let free = self.free_nodes();
         for _ in 0..STEPS_MAX {
             let Some(step) = self.step(scale, &free) else { break };

@@ -59,6 +59,8 @@ const KEEP_DISTANCE_M: f32 = 0.02;
 const KEEP_ROTATION_DEG: f32 = 1.0;
 /// A closure waits for a second one for so many segments.
 const WAITING_SEGMENTS: usize = 5;
+/// So many closures that were refuted are asked again, the latest.
+const REFUTED_MAX: usize = 200;
 
 /// The configuration of the high level with all its parts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -116,6 +118,8 @@ pub struct HighSlam<'m> {
     forgotten: Vec<u32>,
     /// Where poses go that have no scan any more.
     aside: Aside,
+    /// Closures that did not agree with the rest when it was last solved: what comes may speak for them.
+    refuted: Vec<Edge>,
     counts: HighCounts,
 }
 
@@ -140,6 +144,7 @@ impl<'m> HighSlam<'m> {
             low_is_drawing: false,
             forgotten: Vec::new(),
             aside: Aside::default(),
+            refuted: Vec::new(),
             counts: HighCounts::default(),
         }
     }
@@ -292,11 +297,19 @@ impl<'m> HighSlam<'m> {
         !found.is_empty()
     }
 
-    /// Solves the graph; closures that do not agree with the rest go.
+    /// Solves the graph with all closures that were found, and once more without those that do not agree with the rest. What was refuted
+    /// is asked again each time: a wrong closure that comes first refutes the right ones one by one, and not all of them together.
     fn solve(&mut self) {
-        let doubted = self.graph.solve();
+        let hung = self.hung_nodes();
+        let mut asked = std::mem::take(&mut self.refuted);
+        asked.drain(..asked.len().saturating_sub(REFUTED_MAX));
+        asked.retain(|edge| ![edge.from, edge.to].iter().any(|node| hung.contains(node)));
+        asked.iter().for_each(|edge| self.graph.add_edge(*edge));
+        let doubted = if asked.is_empty() { self.graph.solve() } else { self.graph.solve_anew() };
+        self.counts.closures_refuted += doubted.len() as u64;
+        self.counts.closures_refuted -= asked.len() as u64;
         if !doubted.is_empty() {
-            self.counts.closures_refuted += doubted.len() as u64;
+            self.refuted = doubted.iter().map(|index| self.graph.edges()[*index]).collect();
             self.graph.remove_edges(&doubted);
             self.graph.solve();
         }
@@ -341,6 +354,29 @@ mod tests {
         high.solve();
         let counts = high.counts();
         assert_eq!((counts.closures, counts.closures_refuted), (1, 1));
+    }
+
+    /// Nobody knows how long the first step was, and the path has it 3 m too long; two wrong closures agree with that nearly, and three
+    /// right ones do not.
+    #[test]
+    fn right_closures_that_were_refuted_one_by_one_win_together() {
+        let mut high = straight();
+        let (first, mut rest) = (high.graph.edges()[0], high.graph.edges()[1..].to_vec());
+        high.graph = PoseGraph::default();
+        (0..10).for_each(|node| _ = high.graph.add_node(PoseF64::new(f64::from(node) + 3.0, 0.0, 0.0)));
+        high.graph.put(0, PoseF64::default());
+        let information = Matrix3::from_diagonal_element(0.1);
+        rest.push(Edge { from_to: PoseF64::new(4.0, 0.0, 0.0), information, ..first });
+        rest.iter().for_each(|edge| high.graph.add_edge(*edge));
+        let mut closed = |newer, off_m| {
+            high.graph.add_edge(closure(newer, off_m).edge());
+            high.solve();
+            let counts = high.counts();
+            (counts.closures, counts.closures_refuted, (high.graph.nodes()[9].x - 9.0).abs() < 0.05)
+        };
+        assert_eq!([closed(4, 3.2), closed(5, 3.2)], [(1, 0, false), (2, 0, false)]);
+        assert_eq!([closed(6, 0.0), closed(7, 0.0)], [(2, 1, false), (2, 2, false)]);
+        assert_eq!(closed(8, 0.0), (3, 2, true));
     }
 
     #[test]
