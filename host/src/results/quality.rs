@@ -27,6 +27,8 @@ const REFUTED_SHARE: f64 = 0.1;
 const CONTRADICTED_MIN_M: f64 = 5.0;
 /// … and it is this share of the walls that the robot came back to. Chosen in the gap between good maps and wrecked ones: docs/accuracy.md.
 const CONTRADICTED_SHARE: f64 = 1.0 / 6.0;
+/// From this share on those walls are not to be trusted: twice what maps with nothing wrong have at most.
+const CONTRADICTED_PARTLY: f64 = 1.0 / 12.0;
 /// So many scans in a row that fit nowhere, and the robot may have been carried away meanwhile.
 const LOST_SCANS: usize = 5;
 
@@ -163,7 +165,11 @@ impl Quality {
 
     /// So many walls are contradicted that parts of the map must be drawn twice.
     pub fn is_drawn_twice(&self) -> bool {
-        self.walls_contradicted_m >= CONTRADICTED_MIN_M && self.contradicted_share() >= CONTRADICTED_SHARE
+        self.is_contradicted_to(CONTRADICTED_PARTLY)
+    }
+
+    fn is_contradicted_to(&self, share: f64) -> bool {
+        self.walls_contradicted_m >= CONTRADICTED_MIN_M && self.contradicted_share() >= share
     }
 
     /// Share of the walls that the robot came back to which are contradicted, 0 to 1.
@@ -216,14 +222,15 @@ fn trust(quality: &Quality) -> String {
     let unchecked = moved_m.map_or_else(String::new, |m| {
         format!("; before loops closed the robot was up to {m:.1} m off, and what none of them checks may still be")
     });
+    let contradicted = format!(
+        "{:.0} of {:.0} m of wall that the robot came back to stand where it saw through on another visit",
+        quality.walls_contradicted_m, quality.walls_revisited_m
+    );
     let guessed_m: f64 = undetermined.iter().map(|stretch| stretch.path_m).filter(|m| *m > GUESSED_M).sum();
     if map_size_m.is_none() {
         "there is no map".to_owned()
-    } else if quality.is_drawn_twice() {
-        format!(
-            "do not trust it: {:.0} of {:.0} m of wall that the robot came back to stand where it saw through on another visit; parts of the map are drawn twice",
-            quality.walls_contradicted_m, quality.walls_revisited_m
-        )
+    } else if quality.is_contradicted_to(CONTRADICTED_SHARE) {
+        format!("do not trust it: {contradicted}; parts of the map are drawn twice")
     } else if loops_refuted >= REFUTED_MIN && loops_refuted as f64 >= REFUTED_SHARE * quality.loops_found as f64 {
         format!(
             "do not trust it: {loops_refuted} of {} places that the robot recognised contradict the rest of the map",
@@ -238,6 +245,8 @@ fn trust(quality: &Quality) -> String {
         format!(
             "do not trust lengths across {from_s:.0} to {to_s:.0} s: {scans} scans fit nowhere, and what was mapped before and after may lie displaced"
         )
+    } else if quality.is_drawn_twice() {
+        format!("trust it but where map.png shows walls that are drawn twice: {contradicted}")
     } else if guessed_m > 0.0 {
         format!(
             "trust it but along {guessed_m:.0} m of way that looked the same all along: lengths there are a guess{unchecked}"
@@ -320,12 +329,10 @@ mod tests {
         let drawn_twice = |walls_contradicted_m, walls_revisited_m| {
             trust(&Quality { walls_contradicted_m, walls_revisited_m, ..good.clone() })
         };
-        assert_eq!([drawn_twice(4.9, 5.0), drawn_twice(66.0, 400.0)], [trust(&good), trust(&good)]);
-        assert!(
-            drawn_twice(67.0, 400.0).contains("do not trust it: 67 of 400 m of wall"),
-            "{}",
-            drawn_twice(67.0, 400.0)
-        );
+        assert_eq!([drawn_twice(4.9, 5.0), drawn_twice(33.0, 400.0)], [trust(&good), trust(&good)]);
+        assert!(drawn_twice(66.0, 400.0).contains("trust it but where map.png"), "{}", drawn_twice(66.0, 400.0));
+        let widely = drawn_twice(67.0, 400.0);
+        assert!(widely.contains("do not trust it: 67 of 400 m of wall") && widely.ends_with("drawn twice"), "{widely}");
         let corridor = Quality { undetermined: vec![stretch(50, 12.0)], ..good.clone() };
         assert!(trust(&corridor).contains("12 m of way"));
         let lost = Quality { lost: vec![stretch(50, 1.0)], ..corridor };
