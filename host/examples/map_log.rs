@@ -26,6 +26,7 @@ fn main() -> anyhow::Result<()> {
     let config = MappingConfig::default();
     let mut memory = RunMemory::new(&config, available_parallelism().map_or(1, usize::from));
     let mut run = MapRun::new(&config, SEED, &mut memory)?;
+    run.put_aside(folder.aside());
     let mut scans = Scans::open(&log, LogOptions::default(), &STOP, Box::new(|news| eprintln!("{news}")))?;
     for scan in &mut scans {
         let scan = scan?;
