@@ -333,9 +333,14 @@ impl<'m, L: LowLevel> Run<'m, L> {
 
     /// Where the robot was at every scan whose pose is to be believed.
     pub fn trusted_trajectory(&self) -> Vec<TimedPose> {
-        let (mut path, mut trust) = (self.trajectory(), self.trust().into_iter());
-        path.retain(|_| trust.next().unwrap_or_default());
-        path
+        if let Some(high) = &self.high {
+            // Read once: where the disk fails, poses and trust stay together.
+            let mut path = Vec::with_capacity(high.poses());
+            path.extend(high.trajectory_with_trust().filter_map(|(pose, is_trusted)| is_trusted.then_some(pose)));
+            return path;
+        }
+        let trusted = self.trajectory().into_iter().zip(self.trust());
+        trusted.filter_map(|(pose, is_trusted)| is_trusted.then_some(pose)).collect()
     }
 
     /// What the high level did so far, if there is one.
