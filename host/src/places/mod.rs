@@ -5,6 +5,8 @@ pub mod correlation;
 pub mod pose_graph;
 mod reach;
 pub mod submap;
+mod variance_factor;
 
 pub use closing::ClosureConfig;
 pub use reach::{Reach, reach_from};
+pub use variance_factor::VarianceFactor;

@@ -41,10 +41,18 @@ pub struct Edge {
 }
 
 /// The graph; see the [module](self).
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct PoseGraph {
     nodes: Vec<PoseF64>,
     edges: Vec<Edge>,
+    /// Variances of all edges but closures are so many times what these say.
+    variance_factor: f64,
+}
+
+impl Default for PoseGraph {
+    fn default() -> Self {
+        Self { nodes: Vec::new(), edges: Vec::new(), variance_factor: 1.0 }
+    }
 }
 
 /// An edge's error and how it changes with its nodes.
@@ -178,6 +186,11 @@ impl PoseGraph {
         &self.edges
     }
 
+    /// From now on the variances of the path are so many times what its edges say; closures say what they are.
+    pub fn set_variance_factor(&mut self, factor: f64) {
+        self.variance_factor = factor;
+    }
+
     /// Takes a node out of what is solved: it moves with the older node `on` from now on, and the way that led through it leads through
     /// there. Its closures are forgotten. False if that cannot be: it is no plain part of a way.
     ///
@@ -263,7 +276,8 @@ impl PoseGraph {
         push_block(&mut matrix, 0, 0, &Matrix3::from_diagonal_element(1e12));
         for edge in &self.edges {
             let (Some(from), Some(to)) = (free[edge.from], free[edge.to]) else { continue };
-            let weight = if edge.is_closure { (scale / (scale + edge.chi2(&self.nodes))).powi(2) } else { 1.0 };
+            let believed = || (scale / (scale + edge.chi2(&self.nodes))).powi(2);
+            let weight = if edge.is_closure { believed() } else { 1.0 / self.variance_factor };
             let information = edge.information * weight;
             let Linear { error, by_from, by_to } = edge.linearise(self.nodes[edge.from], self.nodes[edge.to]);
             let ends = [(from, by_from), (to, by_to)];

@@ -30,6 +30,11 @@ impl Reach {
         self.heading.sqrt()
     }
 
+    /// With all variances so many times as large.
+    pub fn inflated(&self, factor: f64) -> Self {
+        Self { position: factor * self.position, heading: factor * self.heading, ..*self }
+    }
+
     fn plus(&self, edge: &Edge) -> Self {
         let covariance = edge.information.try_inverse().unwrap_or_default();
         let length = if edge.is_closure { 0.0 } else { edge.from_to.distance_m() };

@@ -41,7 +41,7 @@ use super::{Correction, LowPose};
 use crate::output::Aside;
 use crate::places::closing::{Closer, Closure, ClosureConfig};
 use crate::places::pose_graph::{Edge, PoseGraph};
-use crate::places::reach_from;
+use crate::places::{VarianceFactor, reach_from};
 use crate::pose_f64::PoseF64;
 use crate::scans::store::ScanStore;
 
@@ -120,6 +120,8 @@ pub struct HighSlam<'m> {
     aside: Aside,
     /// Closures that did not agree with the rest when it was last solved: what comes may speak for them.
     refuted: Vec<Edge>,
+    /// By how much the path is surer of itself than it may be.
+    variance_factor: VarianceFactor,
     counts: HighCounts,
 }
 
@@ -145,6 +147,7 @@ impl<'m> HighSlam<'m> {
             forgotten: Vec::new(),
             aside: Aside::default(),
             refuted: Vec::new(),
+            variance_factor: VarianceFactor::default(),
             counts: HighCounts::default(),
         }
     }
@@ -300,6 +303,7 @@ impl<'m> HighSlam<'m> {
     /// Solves the graph with all closures that were found, and once more without those that do not agree with the rest. What was refuted
     /// is asked again each time: a wrong closure that comes first refutes the right ones one by one, and not all of them together.
     fn solve(&mut self) {
+        self.graph.set_variance_factor(self.variance_factor.get());
         let hung = self.hung_nodes();
         let mut asked = std::mem::take(&mut self.refuted);
         asked.drain(..asked.len().saturating_sub(REFUTED_MAX));
@@ -324,70 +328,4 @@ impl<'m> HighSlam<'m> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A straight path of nine segments of a metre, well known.
-    fn straight() -> HighSlam<'static> {
-        let mut high = HighSlam::new(&HighConfigs::default(), None);
-        let (step, information) = (PoseF64::new(1.0, 0.0, 0.0), Matrix3::from_diagonal_element(1e4));
-        for from in 0..9 {
-            let to = high.graph.add_node(high.graph.nodes()[from].then(step));
-            high.graph.add_edge(Edge { from, to, from_to: step, information, is_closure: false });
-            high.segments.push(Segment::empty());
-            high.pieces.goes_on(from);
-        }
-        high
-    }
-
-    /// One that puts the robot `off_m` too far ahead.
-    fn closure(newer: usize, off_m: f64) -> Closure {
-        let older_from_newer = PoseF64::new(newer as f64 + off_m, 0.0, 0.0);
-        Closure { older: 0, newer, older_from_newer, moves_m: off_m as f32, weak_axis: None }
-    }
-
-    #[test]
-    fn what_the_graph_refutes_is_counted() {
-        let mut high = straight();
-        high.graph.add_edge(closure(8, 0.01).edge());
-        high.graph.add_edge(closure(9, 4.0).edge());
-        high.solve();
-        let counts = high.counts();
-        assert_eq!((counts.closures, counts.closures_refuted), (1, 1));
-    }
-
-    /// Nobody knows how long the first step was, and the path has it 3 m too long; two wrong closures agree with that nearly, and three
-    /// right ones do not.
-    #[test]
-    fn right_closures_that_were_refuted_one_by_one_win_together() {
-        let mut high = straight();
-        let (first, mut rest) = (high.graph.edges()[0], high.graph.edges()[1..].to_vec());
-        high.graph = PoseGraph::default();
-        (0..10).for_each(|node| _ = high.graph.add_node(PoseF64::new(f64::from(node) + 3.0, 0.0, 0.0)));
-        high.graph.put(0, PoseF64::default());
-        let information = Matrix3::from_diagonal_element(0.1);
-        rest.push(Edge { from_to: PoseF64::new(4.0, 0.0, 0.0), information, ..first });
-        rest.iter().for_each(|edge| high.graph.add_edge(*edge));
-        let mut closed = |newer, off_m| {
-            high.graph.add_edge(closure(newer, off_m).edge());
-            high.solve();
-            let counts = high.counts();
-            (counts.closures, counts.closures_refuted, (high.graph.nodes()[9].x - 9.0).abs() < 0.05)
-        };
-        assert_eq!([closed(4, 3.2), closed(5, 3.2)], [(1, 0, false), (2, 0, false)]);
-        assert_eq!([closed(6, 0.0), closed(7, 0.0)], [(2, 1, false), (2, 2, false)]);
-        assert_eq!(closed(8, 0.0), (3, 2, true));
-    }
-
-    #[test]
-    fn what_waits_in_vain_is_counted_if_it_still_disagrees() {
-        let mut high = straight();
-        assert!(high.closer.confirmed(closure(1, 4.0), high.graph.nodes()).is_empty());
-        assert!(high.closer.confirmed(closure(2, 1.5), high.graph.nodes()).is_empty());
-        high.graph.put(2, PoseF64::new(3.0, 0.0, 0.0));
-        high.close_loops(1 + WAITING_SEGMENTS);
-        assert_eq!(high.counts().closures_refuted, 0, "both may find a second one yet");
-        high.close_loops(3 + WAITING_SEGMENTS);
-        assert_eq!(high.counts().closures_refuted, 1, "the path has moved to where one of them is");
-    }
-}
+mod tests;

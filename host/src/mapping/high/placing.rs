@@ -207,8 +207,9 @@ impl HighSlam<'_> {
             else {
                 continue;
             };
-            let distance = nodes[older].between(nodes[newer]).distance_m();
-            if distance <= PLACES_APART_M + f64::from(Self::window_m(&reach)) {
+            let seen = nodes[older].between(nodes[newer]);
+            let distance = seen.distance_m();
+            if distance <= PLACES_APART_M + f64::from(self.window(seen.to_f32(), &reach).distance_m) {
                 near.push((distance, older, reach));
             }
         }
@@ -223,8 +224,16 @@ impl HighSlam<'_> {
         chosen
     }
 
-    fn window_m(reach: &Reach) -> f32 {
-        (WINDOW_SIGMAS * reach.position_m() as f32 + WINDOW_MORE_M).min(WINDOW_MAX_M)
+    /// Where the newer of two nodes is searched for, which the graph puts at `centre` as seen from the older.
+    pub(super) fn window(&self, centre: Pose2, reach: &Reach) -> SearchWindow {
+        let reach = reach.inflated(self.variance_factor.get());
+        let distance_m = WINDOW_SIGMAS * reach.position_m() as f32 + WINDOW_MORE_M;
+        let heading_rad = WINDOW_SIGMAS * reach.heading_rad() as f32 + WINDOW_MORE_RAD;
+        SearchWindow {
+            centre,
+            distance_m: distance_m.min(WINDOW_MAX_M),
+            heading_rad: heading_rad.min(WINDOW_MAX_DEG.to_radians()),
+        }
     }
 
     /// The map of the latest path, which ends with segment `newer`, about where that begins; and its first segment.
@@ -246,14 +255,10 @@ impl HighSlam<'_> {
         let place = self.submap(place, older);
         let nodes = self.graph.nodes();
         let centre = nodes[older].between(nodes[newer]).to_f32();
-        let heading_rad = WINDOW_SIGMAS * reach.heading_rad() as f32 + WINDOW_MORE_RAD;
-        let window = SearchWindow {
-            centre,
-            distance_m: Self::window_m(reach),
-            heading_rad: heading_rad.min(WINDOW_MAX_DEG.to_radians()),
-        };
+        let window = self.window(centre, reach);
         let found = self.closer.find(query, &place, &window)?;
         let moves_m = (found.pose.position() - centre.position()).norm();
+        self.variance_factor.observe(moves_m.into(), reach.position_m());
         let older_from_newer = PoseF64::from(found.pose);
         Some(Closure { older, newer, older_from_newer, moves_m, weak_axis: found.weak_axis })
     }

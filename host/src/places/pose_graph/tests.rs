@@ -158,3 +158,24 @@ fn what_is_no_plain_part_of_a_way_does_not_hang() {
     assert!(!graph.hang(9, 5, information(0.05, 0.005)), "nor twice");
     assert!(!graph.hang(5, 2, information(0.05, 0.005)), "nor a node that another one hangs on");
 }
+
+/// Ten steps of a metre that are 6 cm longer than they are believed to be, by three standard deviations each.
+#[test]
+fn a_path_that_drifts_more_than_it_says_refutes_what_is_right_until_that_is_known() {
+    let solved = |variance_factor| {
+        let mut graph = PoseGraph::default();
+        graph.add_node(PoseF64::default());
+        let (step, information) = (PoseF64::new(1.0, 0.0, 0.0), information(0.02, 0.02));
+        for from in 0..10 {
+            let to = graph.add_node(graph.nodes()[from].then(step));
+            graph.add_edge(Edge { from, to, from_to: step, information, is_closure: false });
+        }
+        graph.add_edge(closure(0, 10, PoseF64::new(10.6, 0.0, 0.0)));
+        graph.set_variance_factor(variance_factor);
+        (graph.solve().len(), graph.nodes()[10].x)
+    };
+    let (refuted, end) = solved(1.0);
+    assert!(refuted == 1 && end < 10.3, "{end}");
+    let (refuted, end) = solved(9.0);
+    assert!(refuted == 0 && (end - 10.6).abs() < 0.05, "{end}");
+}

@@ -1,0 +1,81 @@
+use super::*;
+
+/// A straight path of nine segments of a metre, well known.
+fn straight() -> HighSlam<'static> {
+    let mut high = HighSlam::new(&HighConfigs::default(), None);
+    let (step, information) = (PoseF64::new(1.0, 0.0, 0.0), Matrix3::from_diagonal_element(1e4));
+    for from in 0..9 {
+        let to = high.graph.add_node(high.graph.nodes()[from].then(step));
+        high.graph.add_edge(Edge { from, to, from_to: step, information, is_closure: false });
+        high.segments.push(Segment::empty());
+        high.pieces.goes_on(from);
+    }
+    high
+}
+
+/// One that puts the robot `off_m` too far ahead.
+fn closure(newer: usize, off_m: f64) -> Closure {
+    let older_from_newer = PoseF64::new(newer as f64 + off_m, 0.0, 0.0);
+    Closure { older: 0, newer, older_from_newer, moves_m: off_m as f32, weak_axis: None }
+}
+
+#[test]
+fn what_the_graph_refutes_is_counted() {
+    let mut high = straight();
+    high.graph.add_edge(closure(8, 0.01).edge());
+    high.graph.add_edge(closure(9, 4.0).edge());
+    high.solve();
+    let counts = high.counts();
+    assert_eq!((counts.closures, counts.closures_refuted), (1, 1));
+}
+
+/// Nobody knows how long the first step was, and the path has it 3 m too long; two wrong closures agree with that nearly, and three
+/// right ones do not.
+#[test]
+fn right_closures_that_were_refuted_one_by_one_win_together() {
+    let mut high = straight();
+    let (first, mut rest) = (high.graph.edges()[0], high.graph.edges()[1..].to_vec());
+    high.graph = PoseGraph::default();
+    (0..10).for_each(|node| _ = high.graph.add_node(PoseF64::new(f64::from(node) + 3.0, 0.0, 0.0)));
+    high.graph.put(0, PoseF64::default());
+    let information = Matrix3::from_diagonal_element(0.1);
+    rest.push(Edge { from_to: PoseF64::new(4.0, 0.0, 0.0), information, ..first });
+    rest.iter().for_each(|edge| high.graph.add_edge(*edge));
+    let mut closed = |newer, off_m| {
+        high.graph.add_edge(closure(newer, off_m).edge());
+        high.solve();
+        let counts = high.counts();
+        (counts.closures, counts.closures_refuted, (high.graph.nodes()[9].x - 9.0).abs() < 0.05)
+    };
+    assert_eq!([closed(4, 3.2), closed(5, 3.2)], [(1, 0, false), (2, 0, false)]);
+    assert_eq!([closed(6, 0.0), closed(7, 0.0)], [(2, 1, false), (2, 2, false)]);
+    assert_eq!(closed(8, 0.0), (3, 2, true));
+}
+
+#[test]
+fn what_waits_in_vain_is_counted_if_it_still_disagrees() {
+    let mut high = straight();
+    assert!(high.closer.confirmed(closure(1, 4.0), high.graph.nodes()).is_empty());
+    assert!(high.closer.confirmed(closure(2, 1.5), high.graph.nodes()).is_empty());
+    high.graph.put(2, PoseF64::new(3.0, 0.0, 0.0));
+    high.close_loops(1 + WAITING_SEGMENTS);
+    assert_eq!(high.counts().closures_refuted, 0, "both may find a second one yet");
+    high.close_loops(3 + WAITING_SEGMENTS);
+    assert_eq!(high.counts().closures_refuted, 1, "the path has moved to where one of them is");
+}
+
+/// A path that has drifted far more than it says is searched around farther, and does not hold out against a closure any more.
+#[test]
+fn a_path_surer_than_it_may_be_is_believed_less() {
+    let seen = |expected: bool| {
+        let mut high = straight();
+        (0..10).for_each(|_| high.variance_factor.observe(if expected { 0.5 } else { 3.0 }, 0.3));
+        high.graph.add_edge(closure(9, 0.4).edge());
+        high.solve();
+        let reach = reach_from(&high.graph, 0)[8].unwrap();
+        (high.counts().closures_refuted, high.window(Pose2::IDENTITY, &reach).distance_m)
+    };
+    let (told, surer) = (seen(true), seen(false));
+    assert_eq!((told.0, surer.0), (1, 0));
+    assert!(surer.1 > told.1, "{surer:?} {told:?}");
+}
