@@ -18,10 +18,11 @@ pub(super) const OLD: &str = "lrfslam-old";
 pub(super) const GROWING: [&str; 2] = [RECORDING, "robot.journal"];
 
 /// All names that commands give to results: these may be replaced, nothing else.
-const RESULTS: &str = "cloud.json cloud.pcd cloud.ply cloud.png distribution.svg errors.csv errors.md errors.svg \
-    findings.md landmarks.csv landmarks.png laser.rec localization.csv localization.png loop.csv loop.md map.lrfslam \
-    map.pgm map.png map.yaml motion-model.json online.tum path.png report.json robot-map.pgm robot-map.yaml robot.journal \
-    robot.tum run.json steps.csv trajectory.tum truth.tum";
+const RESULTS: &str = "cloud.json cloud.pcd cloud.ply cloud.png cost.csv cost.svg distribution.svg endurance.csv endurance.md \
+    endurance.svg envelope.csv envelope.md envelope.svg errors.csv errors.md errors.svg findings.md landmarks.csv \
+    landmarks.png laser.rec localization.csv localization.png loop.csv loop.md map.lrfslam map.pgm map.png map.yaml \
+    motion-model.json online.tum path.png report.json robot-map.pgm robot-map.yaml robot.journal robot.tum run.json \
+    steps.csv trajectory.tum truth.tum";
 
 /// True for a name that commands give to a result.
 pub(super) fn is_result(name: &str) -> bool {

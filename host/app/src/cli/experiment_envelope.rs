@@ -1,6 +1,6 @@
 //! `lrfslam experiment envelope`: a log made harder in many ways, and what becomes of its map.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
@@ -22,7 +22,7 @@ use lrfslam_lab::experiment::{
 /// Where are the limits? Makes a log harder in many ways, maps each by its laser alone, and judges the paths by relations.
 ///
 /// More people, a shorter, narrower or sparser laser, fewer scans, noise. A relation counts if both its times are among those of the scans left.
-/// Writes envelope.csv, a line for each run, with what the run itself says of its map, envelope.md and envelope.svg.
+/// Writes envelope.csv, a line for each run, with what the run itself says of its map, envelope.md and envelope.svg, after each run.
 #[derive(Debug, Args)]
 pub(super) struct EnvelopeArgs {
     #[arg(help = LOG)]
@@ -85,20 +85,28 @@ pub(super) fn run(args: &EnvelopeArgs) -> Result<(), Failure> {
         };
         let run = run_envelope((&mapping, robot_from_lrf), row, seed, &scans, &relations, results);
         let run = run.map_err(|error| Failure::Work(error.context(format!("row {}, seed {seed}", row.0))))?;
-        args.tell.say(&match &run {
+        let said = match &run {
             Some(run) => format!("{}, seed {seed}: {:.3} m; {}", run.row, run.mean_m, run.trust),
             None => format!("{}: left out, no relation has both its times among the scans left", row.0),
-        });
+        };
         runs.extend(run);
+        // After each: runs of an hour are not lost if one fails, or with Ctrl-C.
+        if !runs.is_empty() {
+            save(&mut folder, &runs)?;
+        }
+        args.tell.say(&said);
     }
     if runs.is_empty() {
         return Err(Failure::start(anyhow::anyhow!("no relation has its times among those of the scans")));
     }
-    let table = envelope_markdown(&runs);
-    let figure = plot_envelope(&runs).map_err(Failure::work)?;
-    let files = [("envelope.csv", envelope_csv(&runs)), ("envelope.md", table.clone()), ("envelope.svg", figure)];
-    folder
-        .save(|stage| Ok(files.iter().try_for_each(|(name, text)| write_file(&stage.join(name), text.as_bytes()))?))
-        .map_err(Failure::Work)?;
-    args.tell.print(&runs, || with_folder(&table, folder.named()))
+    args.tell.print(&runs, || with_folder(&envelope_markdown(&runs), folder.named()))
+}
+
+fn save(folder: &mut ResultFolder, runs: &[EnvelopeRun]) -> Result<(), Failure> {
+    let figure = plot_envelope(runs).map_err(Failure::work)?;
+    let files =
+        [("envelope.csv", envelope_csv(runs)), ("envelope.md", envelope_markdown(runs)), ("envelope.svg", figure)];
+    let save =
+        |stage: &Path| Ok(files.iter().try_for_each(|(name, text)| write_file(&stage.join(name), text.as_bytes()))?);
+    folder.save(save).map_err(Failure::Work)
 }

@@ -2,12 +2,13 @@
 
 use std::f64::consts::PI;
 use std::fs;
-use std::io::Read as _;
+use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
 
 use flate2::read::GzDecoder;
 
-use crate::common::run;
+use crate::common::{lrfslam, run};
 
 fn example(name: &str) -> String {
     let path: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(name);
@@ -153,7 +154,9 @@ fn a_log_made_harder_is_mapped_worse_or_not() {
     assert!(fs::read_to_string(folder.join("envelope/envelope.svg")).unwrap().starts_with("<svg"));
     assert!(stdout.contains(&fs::read_to_string(folder.join("envelope/envelope.md")).unwrap()));
     let one = ["--only", "noise-5cm", "--seed", "2", "--keep", "kept", "--out", "one", "-q"];
-    assert_eq!(run(folder, &[&arguments[..], &one].concat()).0, 0);
+    for again in [&[][..], &["--overwrite"]] {
+        assert_eq!(run(folder, &[&arguments[..], &one, again].concat()).0, 0, "{again:?}");
+    }
     let alone = fs::read_to_string(folder.join("one/envelope.csv")).unwrap();
     assert_eq!(alone.lines().skip(1).collect::<Vec<_>>(), [csv.lines().last().unwrap()], "one seed is one of several");
     let kept = |name: &str| fs::read_to_string(folder.join("kept/noise-5cm-2").join(name)).unwrap();
@@ -165,6 +168,23 @@ fn a_log_made_harder_is_mapped_worse_or_not() {
     assert!(code == 2 && stderr.contains("kept/noise-5cm-2: holds"), "what is kept is not replaced: {code} {stderr}");
     let (code, _, stderr) = run(folder, &[&arguments[..], &["--only", "nothing"]].concat());
     assert!(code == 2 && stderr.contains("people-30"), "{stderr}");
+}
+
+/// Who stops it has what was done by then.
+#[test]
+fn runs_of_a_log_made_harder_are_saved_one_by_one() {
+    let folder = tempfile::tempdir().unwrap();
+    short_log_with_relations(folder.path(), 160);
+    let arguments = ["experiment", "envelope", "short.log", "--relations", "relations", "--set", "hierarchy.levels=0"];
+    let more = ["--seeds", "999", "--only", "as-is", "--out", "envelope"];
+    let mut child = lrfslam(folder.path(), &[&arguments[..], &more].concat()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let said = [lines.next().unwrap().unwrap(), lines.next().unwrap().unwrap()];
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(said[1].starts_with("as-is, seed 2: 0.0"), "{said:?}");
+    let csv = fs::read_to_string(folder.path().join("envelope/envelope.csv")).unwrap();
+    assert!(csv.lines().nth(2).unwrap().starts_with("as-is,2,160,140,0.0"), "{csv}");
 }
 
 #[test]
