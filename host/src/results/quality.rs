@@ -19,6 +19,8 @@ const LOOP_PATH_M: f64 = 30.0;
 const GUESSED_M: f64 = 1.0;
 /// What loops put right is worth a word if it is at least this, m: two cells of the map.
 const MOVED_M: f64 = 0.1;
+/// A drift is as expected below this ratio.
+const DRIFT_RATIO_TOLD: f64 = 1.05;
 /// A map is not to be trusted if so many places that were recognised contradict the rest of it, …
 const REFUTED_MIN: u64 = 3;
 /// … and they are this share of all. Closures are verified strictly: on logs with nothing wrong hardly one in fifty is refuted. Both chosen.
@@ -111,6 +113,8 @@ pub struct Quality {
     pub loops_closed: Option<u64>,
     /// Farthest that the robot was from where one put it, m: [`HighCounts::largest_move_m`]. None if none was closed.
     pub loops_moved_m: Option<f64>,
+    /// How far it drifts over what was expected: [`HighCounts::drift_ratio`].
+    pub drift_ratio: Option<f64>,
     /// Places recognised: [`HighCounts::closures_found`].
     pub loops_found: u64,
     /// How many of these contradict the rest of the path: [`HighCounts::closures_refuted`].
@@ -149,6 +153,7 @@ impl Quality {
             map_size_m,
             loops_closed: high.map(|high| high.closures),
             loops_moved_m: high.filter(|high| high.closures > 0).map(|high| f64::from(high.largest_move_m)),
+            drift_ratio: high.map(|high| high.drift_ratio),
             loops_found: high.map_or(0, |high| high.closures_found),
             loops_refuted: high.map_or(0, |high| high.closures_refuted),
             walls_revisited_m: walls.length_m(),
@@ -213,15 +218,24 @@ fn stretches(fits: &Fits, path: &[TimedPose], fit: Fit) -> Vec<Stretch> {
     stretches
 }
 
+/// What may be off still, from what loops have put right.
+fn unchecked(quality: &Quality) -> String {
+    let drifts = quality.drift_ratio.filter(|ratio| *ratio >= DRIFT_RATIO_TOLD);
+    let drifts = drifts.map_or_else(String::new, |ratio| format!("; it drifts {ratio:.1} times as far as expected"));
+    let moved_m = quality.loops_moved_m.filter(|m| *m >= MOVED_M);
+    moved_m.map_or_else(String::new, |m| {
+        format!(
+            "; before loops closed the robot was up to {m:.1} m off, and what none of them checks may still be{drifts}"
+        )
+    })
+}
+
 /// One plain sentence.
 fn trust(quality: &Quality) -> String {
-    let Quality { path_m, map_size_m, loops_closed, loops_moved_m, lost, undetermined, .. } = quality;
+    let Quality { path_m, map_size_m, loops_closed, lost, undetermined, .. } = quality;
     let loops_refuted = quality.loops_refuted;
     let lost = lost.iter().find(|stretch| stretch.scans >= LOST_SCANS);
-    let moved_m = loops_moved_m.filter(|m| *m >= MOVED_M);
-    let unchecked = moved_m.map_or_else(String::new, |m| {
-        format!("; before loops closed the robot was up to {m:.1} m off, and what none of them checks may still be")
-    });
+    let unchecked = unchecked(quality);
     let contradicted = format!(
         "{:.0} of {:.0} m of wall that the robot came back to stand where it saw through on another visit",
         quality.walls_contradicted_m, quality.walls_revisited_m
@@ -322,6 +336,9 @@ mod tests {
         let moved = |m| trust(&Quality { loops_moved_m: Some(m), ..good.clone() });
         assert_eq!(moved(0.05), trust(&good), "that is no more than anybody would expect");
         assert!(moved(1.33).contains("trust it; ") && moved(1.33).contains("up to 1.3 m off"), "{}", moved(1.33));
+        let drifts = |drift_ratio| trust(&Quality { loops_moved_m: Some(1.3), drift_ratio, ..good.clone() });
+        assert_eq!([drifts(None), drifts(Some(1.0))], [moved(1.3), moved(1.3)]);
+        assert!(drifts(Some(1.84)).ends_with("; it drifts 1.8 times as far as expected"), "{}", drifts(Some(1.84)));
         assert!(trust(&Quality { loops_closed: Some(0), ..good.clone() }).contains("no loop was closed"));
         let refuted = |loops_refuted, loops_found| trust(&Quality { loops_refuted, loops_found, ..good.clone() });
         assert_eq!([refuted(2, 4), refuted(4, 131)], [trust(&good), trust(&good)]);

@@ -2,6 +2,7 @@
 //! is noticed. Those of `examples/floor` are at most a fifth above the worst of seeds 1 to 5; those of the real logs at most a fifth above the worst that
 //! the test's own comment or the tables of `docs/` name. `cargo test -p lrfslam --all-features --test cli accuracy -- --include-ignored --nocapture` prints the figures.
 
+use std::fs;
 use std::path::Path;
 
 use lrfslam_app::config::RunConfig;
@@ -10,9 +11,10 @@ use lrfslam_core::time::Duration;
 use lrfslam_host::mapping::saved_map::SavedMap;
 use lrfslam_host::maps::contradictions::RevisitedWalls;
 use lrfslam_host::runs::map::{MapRun, RunMemory};
-use lrfslam_host::scans::log::LogReader;
+use lrfslam_host::scans::log::{LogReader, LogScan};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
 use lrfslam_lab::evaluation::{RelationReport, TruthReport, evaluate_relations, evaluate_truth, read_relations};
+use lrfslam_lab::experiment::{ENVELOPE_ROWS, run_envelope};
 
 use crate::common::{mapped, real_data};
 
@@ -214,4 +216,31 @@ fn a_map_contradicts_itself_only_if_parts_of_it_are_displaced() {
         let Some([as_is, displaced]) = contradicted(log, Pose2::new(0.7, 0.7, 0.0)) else { return };
         assert!(as_is < 0.05 && displaced > 0.2, "{log}: {as_is} {displaced}");
     }
+}
+
+/// Logs with nothing wrong drift as expected; with every 8th beam a path drifts farther. Row `off-beams-8`, seed 5: 0.049 m, 1.9 times
+/// as far. Believed as far as it says, it is 0.26 m off: closures that are right are refuted, and others are not looked for.
+#[test]
+#[ignore = "heavy: run by .ci/run"]
+fn a_path_of_few_beams_is_believed_less() {
+    let (log, relations) = ("logs/intel.log.gz", "logs/intel.relations.gz");
+    for log in [log, "logs/aces.clf.gz"] {
+        let Some(folder) = mapped(log) else { return };
+        let report: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("run.json")).unwrap()).unwrap();
+        assert_eq!(report["high"]["drift_ratio"], 1.0, "{log}");
+    }
+    let (Some(log), Some(relations)) = (real_data(log), real_data(relations)) else { return };
+    let config = RunConfig::default();
+    let scans: Vec<LogScan> = LogReader::open(&log, config.log_options()).unwrap().collect::<Result<_, _>>().unwrap();
+    let row = ENVELOPE_ROWS.into_iter().find(|row| row.0 == "beams-8").unwrap();
+    let (mut drift_ratio, place) = (None, (&config.mapping(), config.robot_from_lrf()));
+    let results = |map: &mut MapRun<'_>| {
+        let quality = map.quality();
+        drift_ratio = quality.drift_ratio;
+        Ok(quality)
+    };
+    let relations = read_relations(&relations).unwrap();
+    let run = run_envelope(place, row, 5, &scans, &relations, results).unwrap().unwrap();
+    println!("{run:?} {drift_ratio:?}");
+    assert!(run.mean_m < 0.083 && drift_ratio > Some(1.2), "{run:?} {drift_ratio:?}");
 }

@@ -89,6 +89,8 @@ pub struct HighCounts {
     pub pieces_apart: u64,
     /// Farthest that the robot was from where a closure put it, m; also one that the rest of the path refuted.
     pub largest_move_m: f32,
+    /// The robot's drift over what the path says of it, 1 at least: [`VarianceFactor`], its square root.
+    pub drift_ratio: f64,
     /// Scans kept.
     pub scans_kept: u64,
     /// Bytes of these.
@@ -323,7 +325,8 @@ impl<'m> HighSlam<'m> {
     pub fn counts(&self) -> HighCounts {
         let closures = self.graph.edges().iter().filter(|edge| edge.is_closure).count() as u64;
         let (scans_kept, scan_bytes) = (self.scans.kept() as u64, self.scans.memory_bytes() as u64);
-        HighCounts { closures, scans_kept, scan_bytes, pieces_apart: self.pieces_apart(), ..self.counts }
+        let (pieces_apart, drift_ratio) = (self.pieces_apart(), self.variance_factor.get().sqrt());
+        HighCounts { closures, scans_kept, scan_bytes, pieces_apart, drift_ratio, ..self.counts }
     }
 }
 

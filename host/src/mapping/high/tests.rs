@@ -73,9 +73,10 @@ fn a_path_surer_than_it_may_be_is_believed_less() {
         high.graph.add_edge(closure(9, 0.4).edge());
         high.solve();
         let reach = reach_from(&high.graph, 0)[8].unwrap();
-        (high.counts().closures_refuted, high.window(Pose2::IDENTITY, &reach).distance_m)
+        let HighCounts { closures_refuted, drift_ratio, .. } = high.counts();
+        (closures_refuted, high.window(Pose2::IDENTITY, &reach).distance_m, drift_ratio)
     };
     let (told, surer) = (seen(true), seen(false));
     assert_eq!((told.0, surer.0), (1, 0));
-    assert!(surer.1 > told.1, "{surer:?} {told:?}");
+    assert!(surer.1 > told.1 && surer.2 > 2.0 && told.2 == 1.0, "{surer:?} {told:?}");
 }
