@@ -204,6 +204,9 @@ impl ResultFolder {
     ///
     /// # Errors
     /// That of `write`, or if the folder cannot be replaced. The last set is still there then.
+    ///
+    /// # Panics
+    /// In a build with checks, if `write` gives a file another name than those of results: the next set could not replace it.
     pub fn save<T>(&mut self, write: impl FnOnce(&Path) -> anyhow::Result<T>) -> anyhow::Result<T> {
         let started = Instant::now();
         let stage = sibling(&self.place, NEW);
