@@ -252,7 +252,7 @@ fn trust(quality: &Quality) -> String {
         )
     } else if quality.pieces_apart > 0 {
         format!(
-            "the map lacks {}: the robot was lost there, and has not come back to a place that it knows",
+            "the map lacks {}: the robot was lost there, and has not come back to a place that it knows{unchecked}",
             plural::count(quality.pieces_apart, "piece")
         )
     } else if let Some(Stretch { from_s, to_s, scans, .. }) = lost {
@@ -339,6 +339,8 @@ mod tests {
         let drifts = |drift_ratio| trust(&Quality { loops_moved_m: Some(1.3), drift_ratio, ..good.clone() });
         assert_eq!([drifts(None), drifts(Some(1.0))], [moved(1.3), moved(1.3)]);
         assert!(drifts(Some(1.84)).ends_with("; it drifts 1.8 times as far as expected"), "{}", drifts(Some(1.84)));
+        let lacks = trust(&Quality { pieces_apart: 1, loops_moved_m: Some(8.2), ..good.clone() });
+        assert!(lacks.contains("lacks 1 piece") && lacks.contains("up to 8.2 m off"), "{lacks}");
         assert!(trust(&Quality { loops_closed: Some(0), ..good.clone() }).contains("no loop was closed"));
         let refuted = |loops_refuted, loops_found| trust(&Quality { loops_refuted, loops_found, ..good.clone() });
         assert_eq!([refuted(2, 4), refuted(4, 131)], [trust(&good), trust(&good)]);
