@@ -213,8 +213,10 @@ impl ResultFolder {
         let unusable = format!("{}: results cannot be put there", self.named.display());
         let made = clear(&stage, &self.place).and_then(|()| fs::create_dir(&stage)).with_context(|| unusable.clone());
         let done = made.and_then(|()| write(&stage));
-        let strange = names_in(&stage).unwrap_or_default().into_iter().find(|name| !is_result(name));
-        debug_assert_eq!(strange, None, "the next set could not replace it");
+        debug_assert!(
+            names_in(&stage).unwrap_or_default().iter().all(|name| is_result(name)),
+            "the next set could not replace a file"
+        );
         let done = done.and_then(|written| self.publish(&stage).with_context(|| unusable).map(|()| written));
         if done.is_err() {
             let _ = clear(&stage, &self.place);

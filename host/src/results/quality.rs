@@ -27,7 +27,7 @@ const REFUTED_MIN: u64 = 3;
 const REFUTED_SHARE: f64 = 0.1;
 /// A map is not to be trusted if so much wall is contradicted, m: less can be what somebody moved; …
 const CONTRADICTED_MIN_M: f64 = 5.0;
-/// … and it is this share of the walls that the robot came back to. Chosen in the gap between good maps and wrecked ones: docs/accuracy.md.
+/// … and it is this share of the walls that the robot came back to. Chosen: docs/accuracy.md has maps on both sides of it.
 const CONTRADICTED_SHARE: f64 = 1.0 / 6.0;
 /// From this share on those walls are not to be trusted: twice what maps with nothing wrong have at most.
 const CONTRADICTED_PARTLY: f64 = 1.0 / 12.0;
@@ -113,7 +113,7 @@ pub struct Quality {
     pub loops_closed: Option<u64>,
     /// Farthest that the robot was from where one put it, m: [`HighCounts::largest_move_m`]. None if none was closed.
     pub loops_moved_m: Option<f64>,
-    /// How far it drifts over what was expected: [`HighCounts::drift_ratio`].
+    /// How far the robot drifts over what was expected: [`HighCounts::drift_ratio`]. None at a level that closes no loops.
     pub drift_ratio: Option<f64>,
     /// Places recognised: [`HighCounts::closures_found`].
     pub loops_found: u64,

@@ -219,7 +219,7 @@ fn a_map_contradicts_itself_only_if_parts_of_it_are_displaced() {
 }
 
 /// Logs with nothing wrong drift as expected; with every 8th beam a path drifts farther. Row `off-beams-8`, seed 5: 0.049 m, 1.9 times
-/// as far. Believed as far as it says, it is 0.26 m off: closures that are right are refuted, and others are not looked for.
+/// as far. Believed as far as it says, it was 0.26 m off: closures that are right were refuted, and others not looked for.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn a_path_of_few_beams_is_believed_less() {
