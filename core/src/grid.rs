@@ -105,6 +105,29 @@ impl Iterator for RayCells {
         Some(current)
     }
 
+    /// The same walk, without asking at each cell whether it ends there.
+    fn fold<B, F: FnMut(B, CellIndex) -> B>(self, init: B, mut visit: F) -> B {
+        let Self { next: Some(mut at), mut columns, mut rows } = self else { return init };
+        let mut folded = visit(init, at);
+        while columns.steps_left > 0 && rows.steps_left > 0 {
+            if columns.crossing < rows.crossing {
+                columns.advance(&mut at.column);
+            } else {
+                rows.advance(&mut at.row);
+            }
+            folded = visit(folded, at);
+        }
+        while columns.steps_left > 0 {
+            columns.advance(&mut at.column);
+            folded = visit(folded, at);
+        }
+        while rows.steps_left > 0 {
+            rows.advance(&mut at.row);
+            folded = visit(folded, at);
+        }
+        folded
+    }
+
     fn size_hint(&self) -> (usize, Option<usize>) {
         let left = self.columns.steps_left as u64 + self.rows.steps_left as u64 + 1;
         let left = if self.next.is_some() { usize::try_from(left).unwrap_or(usize::MAX) } else { 0 };
@@ -161,6 +184,13 @@ mod tests {
             let walk = cells((a, b), (c, d));
             let hint = cells_on_ray(Point2::new(a, b), Point2::new(c, d), 0.5).size_hint();
             prop_assert_eq!(hint, (walk.len(), Some(walk.len())));
+            let mut folded = Vec::new();
+            cells_on_ray(Point2::new(a, b), Point2::new(c, d), 0.5).for_each(|c| folded.push((c.column, c.row)));
+            let mut one_by_one = Vec::new();
+            for c in cells_on_ray(Point2::new(a, b), Point2::new(c, d), 0.5) {
+                one_by_one.push((c.column, c.row));
+            }
+            prop_assert_eq!(&folded, &one_by_one);
             for pair in walk.windows(2) {
                 prop_assert_eq!((pair[0].0 - pair[1].0).abs() + (pair[0].1 - pair[1].1).abs(), 1);
             }

@@ -107,10 +107,10 @@ type TileIndex = (i32, i32);
 #[derive(Debug, Clone)]
 pub struct OccupancyMap {
     config: MapConfig,
-    tiles: Vec<Vec<Cell>>,
+    tiles: Vec<Box<[Cell; TILE * TILE]>>,
     places: HashMap<TileIndex, usize>,
-    /// Where the last cell was: the next one is mostly there too.
-    last: Option<(TileIndex, usize)>,
+    /// Tile of the last cell, once there is one: the next cell is mostly there too.
+    last: (TileIndex, usize),
     /// [`MapConfig::miss_apart_rad`] in sectors.
     miss_sectors: u32,
 }
@@ -119,7 +119,7 @@ impl OccupancyMap {
     /// An empty map.
     pub fn new(config: MapConfig) -> Self {
         let miss_sectors = (config.miss_apart_rad * (SECTORS as f32 / std::f32::consts::TAU)).ceil() as u32;
-        Self { config, tiles: Vec::new(), places: HashMap::new(), last: None, miss_sectors }
+        Self { config, tiles: Vec::new(), places: HashMap::new(), last: ((0, 0), 0), miss_sectors }
     }
 
     /// Draws the scan of `sweep`, its beams where they lie in the middle of the sweep, when the robot is at `map_from_robot`; a pose that
@@ -174,9 +174,8 @@ impl OccupancyMap {
         let is_drawn = range_m <= self.config.draw_range_m;
         let end = map_from_lrf.transform(Point2::from_polar(range_m.min(self.config.draw_range_m), beam.bearing_rad));
         let last = CellIndex::containing(end, self.config.cell_size_m);
-        for cell in cells_on_ray(map_from_lrf.position(), end, self.config.cell_size_m) {
-            self.cell_mut(cell).count(is_drawn && cell == last);
-        }
+        let cells = cells_on_ray(map_from_lrf.position(), end, self.config.cell_size_m);
+        cells.for_each(|cell| self.cell_mut(cell).count(is_drawn && cell == last));
     }
 
     /// Adds rays to the cell `index`: so many that ended in it, and that passed.
@@ -187,17 +186,22 @@ impl OccupancyMap {
         }
     }
 
+    #[inline]
     fn cell_mut(&mut self, index: CellIndex) -> &mut Cell {
         let place = tile_of(index);
-        let tile = match self.last {
-            Some((last, tile)) if last == place => tile,
-            _ => *self.places.entry(place).or_insert_with(|| {
-                self.tiles.push(vec![Cell::default(); TILE * TILE]);
-                self.tiles.len() - 1
-            }),
-        };
-        self.last = Some((place, tile));
-        &mut self.tiles[tile][offset_in_tile(index)]
+        if self.last.0 != place || self.tiles.is_empty() {
+            self.last = (place, self.tile_at(place));
+        }
+        &mut self.tiles[self.last.1][offset_in_tile(index)]
+    }
+
+    /// Index of a tile, which is made if there is none.
+    #[cold]
+    fn tile_at(&mut self, place: TileIndex) -> usize {
+        *self.places.entry(place).or_insert_with(|| {
+            self.tiles.push(Box::new([Cell::default(); TILE * TILE]));
+            self.tiles.len() - 1
+        })
     }
 
     /// What is known of the cell `index`.
@@ -228,7 +232,7 @@ impl OccupancyMap {
 
     /// What is known of the cells of a tile, row by row from below; none of one that no ray has passed.
     pub fn tile(&self, tile: (i32, i32)) -> impl Iterator<Item = Occupancy> + '_ {
-        let cells = self.places.get(&tile).map_or(&[][..], |&tile| &self.tiles[tile]);
+        let cells = self.places.get(&tile).map_or(&[][..], |&tile| self.tiles[tile].as_slice());
         cells.iter().map(|cell| self.judge(*cell))
     }
 
