@@ -12,7 +12,8 @@ mod truth;
 use lrfslam_core::time::{Duration, Instant};
 
 pub use relations::{
-    Relation, RelationReport, displacement_errors, evaluate_relations, read_relations, relations_of_path,
+    Relation, RelationReport, displacement_errors, evaluate_relations, read_relations, relation_errors_m,
+    relations_of_path,
 };
 pub use statistics::{Distribution, Statistics};
 pub use stretches::{Standing, StretchError, StretchReport, Turn, evaluate_stretches};

@@ -77,15 +77,9 @@ pub fn evaluate_relations(
     relations: &[Relation],
     tolerance: Duration,
 ) -> Result<RelationReport, EvaluationError> {
-    let by_time = PosesByTime::new(poses);
-    let mut errors = Vec::new();
-    let mut inexact_times = 0;
-    for relation in relations {
-        let near = |stamp| by_time.nearest(stamp, tolerance);
-        let (Some((first, d1)), Some((second, d2))) = (near(relation.start), near(relation.end)) else { continue };
-        inexact_times += usize::from(d1 > Duration::ZERO || d2 > Duration::ZERO);
-        errors.push((relation.start_from_end.between(first.between(second)), relation));
-    }
+    let judged = judged(poses, relations, tolerance);
+    let inexact_times = judged.iter().filter(|(_, _, is_exact)| !is_exact).count();
+    let errors: Vec<_> = judged.into_iter().map(|(relation, error, _)| (error, relation)).collect();
     let worst = errors.iter().max_by(|a, b| a.0.distance_m().total_cmp(&b.0.distance_m()));
     let Some((_, worst)) = worst else {
         let times = relations.iter().flat_map(|r| [r.start, r.end]);
@@ -104,6 +98,30 @@ pub fn evaluate_relations(
         worst_at_s: (worst.start.as_secs_f64(), worst.end.as_secs_f64()),
         own_noise: OwnNoise::of(relations),
     })
+}
+
+/// The relations that have poses near both their times, the error of each, and whether these are at the very microsecond.
+fn judged<'r>(
+    poses: &[TimedPose],
+    relations: &'r [Relation],
+    tolerance: Duration,
+) -> Vec<(&'r Relation, PoseF64, bool)> {
+    let by_time = PosesByTime::new(poses);
+    let judge = |relation: &'r Relation| {
+        let near = |stamp| by_time.nearest(stamp, tolerance);
+        let ((first, d1), (second, d2)) = near(relation.start).zip(near(relation.end))?;
+        let is_exact = d1 == Duration::ZERO && d2 == Duration::ZERO;
+        Some((relation, relation.start_from_end.between(first.between(second)), is_exact))
+    };
+    relations.iter().filter_map(judge).collect()
+}
+
+/// The relations that `poses` have both times of, to the microsecond, and how far each is off, m.
+pub fn relation_errors_m<'r>(
+    poses: &[TimedPose],
+    relations: &'r [Relation],
+) -> impl Iterator<Item = (&'r Relation, f64)> {
+    judged(poses, relations, Duration::ZERO).into_iter().map(|(relation, error, _)| (relation, error.distance_m()))
 }
 
 /// The known displacements of a true path: from every pose to those 1, 2, 4, 8 … poses later.

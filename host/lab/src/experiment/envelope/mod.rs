@@ -5,6 +5,7 @@
 
 mod degrade;
 mod figure;
+mod told;
 
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -21,6 +22,7 @@ use lrfslam_host::scans::log::LogScan;
 
 pub use degrade::{Degradation, ENVELOPE_ROWS, EnvelopeRow, degrade};
 pub use figure::plot_envelope;
+pub use told::Told;
 
 /// One mapping of the log made harder.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -47,6 +49,9 @@ pub struct EnvelopeRun {
     pub lost_scans: u64,
     /// Share of the walls seen again that another visit saw through, 0 to 1: [`Quality::contradicted_share`].
     pub contradicted_share: f64,
+    /// What is off, and what of it the run told.
+    #[serde(flatten)]
+    pub told: Told,
     /// How far to trust the map, as the run itself says: [`Quality::trust`].
     pub trust: String,
 }
@@ -80,7 +85,8 @@ pub fn run_envelope(
         let step = map.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or(robot_from_lrf), None)?;
         lost_scans += u64::from(step.odometry.is_lost);
     }
-    let report = evaluate_relations(&map.trajectory(), relations, Duration::ZERO)?;
+    let path = map.trajectory();
+    let report = evaluate_relations(&path, relations, Duration::ZERO)?;
     let quality = results(&mut map)?;
     Ok(Some(EnvelopeRun {
         row,
@@ -94,6 +100,7 @@ pub fn run_envelope(
         share_above_10_cm: report.share_above_10_cm,
         lost_scans,
         contradicted_share: quality.contradicted_share(),
+        told: Told::of(&path, relations, &quality),
         trust: quality.trust,
     }))
 }
@@ -114,15 +121,16 @@ fn best_first(scans: &[LogScan], every: usize, relations: &[Relation]) -> (usize
 /// A line for each run.
 pub fn envelope_csv(runs: &[EnvelopeRun]) -> String {
     let mut text = String::from(
-        "row,seed,scans,relations,mean_m,std_m,max_m,mean_deg,share_above_10_cm,lost_scans,contradicted_share,trust\n",
+        "row,seed,scans,relations,mean_m,std_m,max_m,mean_deg,share_above_10_cm,lost_scans,contradicted_share,off,off_told,others_told_share,trust\n",
     );
     for run in runs {
         let EnvelopeRun { row, seed, scans, relations, mean_m, std_m, max_m, mean_deg, .. } = run;
         let EnvelopeRun { share_above_10_cm, lost_scans, contradicted_share, trust, .. } = run;
+        let Told { off, off_told, others_told_share } = run.told;
         // Writing to a string cannot fail. The sentence has commas, and no quotation marks.
         let _ = writeln!(
             text,
-            "{row},{seed},{scans},{relations},{mean_m:.5},{std_m:.5},{max_m:.3},{mean_deg:.4},{share_above_10_cm:.4},{lost_scans},{contradicted_share:.4},\"{trust}\""
+            "{row},{seed},{scans},{relations},{mean_m:.5},{std_m:.5},{max_m:.3},{mean_deg:.4},{share_above_10_cm:.4},{lost_scans},{contradicted_share:.4},{off},{off_told},{others_told_share:.4},\"{trust}\""
         );
     }
     text
@@ -139,11 +147,12 @@ fn spread(runs: &[EnvelopeRun], number: impl Fn(&EnvelopeRun) -> f64) -> (f64, f
     (numbers().sum::<f64>() / runs.len() as f64, numbers().fold(f64::MAX, f64::min), numbers().fold(f64::MIN, f64::max))
 }
 
-/// What came out, row by row, as a table in Markdown: the mean over the seeds; "drawn twice" is [`EnvelopeRun::contradicted_share`]. Below it, what each run says of its map.
+/// What came out, row by row, as a table in Markdown: the mean over the seeds; "drawn twice" is [`EnvelopeRun::contradicted_share`]; [`Told`] of all seeds together.
+/// Below it, what each run says of its map.
 pub fn envelope_markdown(runs: &[EnvelopeRun]) -> String {
     let mut text = String::from(
-        "| row | scans | relations | error, m | least, largest | σ, m | worst, m | error, ° | above 10 cm, % | lost scans | drawn twice, % |\n\
-         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+        "| row | scans | relations | error, m | least, largest | σ, m | worst, m | error, ° | above 10 cm, % | lost scans | drawn twice, % | off, told | others told, % |\n\
+         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
     );
     for of in rows(runs) {
         let EnvelopeRun { row, scans, relations, .. } = &of[0];
@@ -153,9 +162,12 @@ pub fn envelope_markdown(runs: &[EnvelopeRun]) -> String {
         let (std_m, deg) = (mean(|run| run.std_m), mean(|run| run.mean_deg));
         let (above, lost) = (100.0 * mean(|run| run.share_above_10_cm), mean(|run| run.lost_scans as f64));
         let twice = 100.0 * mean(|run| run.contradicted_share);
+        let sum = |number: fn(&Told) -> usize| of.iter().map(|run| number(&run.told)).sum::<usize>();
+        let (off, off_told) = (sum(|told| told.off), sum(|told| told.off_told));
+        let others = 100.0 * mean(|run| run.told.others_told_share);
         let _ = writeln!(
             text,
-            "| {row} | {scans} | {relations} | {error:.3} | {least:.3}, {largest:.3} | {std_m:.3} | {worst:.2} | {deg:.2} | {above:.1} | {lost:.0} | {twice:.1} |"
+            "| {row} | {scans} | {relations} | {error:.3} | {least:.3}, {largest:.3} | {std_m:.3} | {worst:.2} | {deg:.2} | {above:.1} | {lost:.0} | {twice:.1} | {off}, {off_told} | {others:.0} |"
         );
     }
     text.push_str("\nWhat each run says of its map:\n\n");
@@ -183,6 +195,7 @@ mod tests {
             share_above_10_cm,
             lost_scans,
             contradicted_share: 0.125,
+            told: Told { off: 4, off_told: 3, others_told_share: 0.25 },
             trust: "trust it but along 9 m, say".to_owned(),
         }
     }
@@ -193,13 +206,17 @@ mod tests {
         let csv = envelope_csv(&runs);
         assert_eq!(
             csv.lines().nth(2),
-            Some("as-is,2,10,7,0.04000,0.01000,0.060,0.5000,0.2500,3,0.1250,\"trust it but along 9 m, say\"")
+            Some(
+                "as-is,2,10,7,0.04000,0.01000,0.060,0.5000,0.2500,3,0.1250,4,3,0.2500,\"trust it but along 9 m, say\""
+            )
         );
         let table = envelope_markdown(&runs);
         assert_eq!(table.lines().take_while(|line| line.starts_with('|')).count(), 4);
         assert!(table.ends_with("\n- scans-8, seed 2: trust it but along 9 m, say\n"), "{table}");
         assert!(
-            table.contains("| as-is | 10 | 7 | 0.030 | 0.020, 0.040 | 0.010 | 0.06 | 0.50 | 25.0 | 3 | 12.5 |"),
+            table.contains(
+                "| as-is | 10 | 7 | 0.030 | 0.020, 0.040 | 0.010 | 0.06 | 0.50 | 25.0 | 3 | 12.5 | 8, 6 | 25 |"
+            ),
             "{table}"
         );
         let svg = plot_envelope(&runs).unwrap();
