@@ -15,6 +15,8 @@
 #[cfg(test)]
 mod tests;
 
+use core::cell::Cell;
+
 use super::KeyScan;
 use super::lone::Objects;
 use super::reference::Taken;
@@ -38,6 +40,8 @@ const STOOD_M: f32 = 0.2;
 const STOOD_FOR: Duration = Duration::from_millis(1000);
 /// A robot that goes more than this share of how far it sees in a second cannot wait: it has passed what it sees before that has stood. Chosen.
 const PASSED_SHARE: f32 = 0.2;
+/// More witnesses than may be configured are not asked.
+const WITNESSES_MAX: usize = 16;
 /// Objects that may walk, at most; more are a crowd, and no corridor is bare then. Chosen.
 const WALKING_MAX: usize = 8;
 /// Points are the middle of a few hits: those of an object are so near to it, m.
@@ -90,13 +94,14 @@ pub(super) fn keep_standing(
     if witnesses.is_empty() {
         return hits.len();
     }
+    let outlines = outlines(witnesses, witness_points);
     let mut objects = can_wait(taken, witnesses).then(|| Objects::new(taken)).flatten();
     let mut kept = 0;
     for index in 0..hits.len() {
         let is_alone = objects.as_mut().is_some_and(|objects| objects.is_alone(hits, index));
         let Some(hit) = hits.get(index).copied() else { break };
         let place = Place { in_map: taken.map_from_robot.transform(hit), in_robot: hit, is_alone };
-        let moves = place.moves(taken.at, outlines(witnesses, witness_points));
+        let moves = place.moves(taken.at, &outlines);
         if let Some(slot) = hits.get_mut(kept).filter(|_| !moves) {
             *slot = hit;
             kept += 1;
@@ -140,6 +145,7 @@ pub(super) fn walking(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], wit
         return walking;
     }
     let Some(mut objects) = Objects::new(taken) else { return walking };
+    let outlines = outlines(witnesses, witness_points);
     let mut index = 0;
     while index < hits.len() && !walking.objects.is_full() {
         let is_alone = objects.is_alone(hits, index);
@@ -150,7 +156,7 @@ pub(super) fn walking(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], wit
             let came = |hit: &Point2| {
                 let in_map = taken.map_from_robot.transform(*hit);
                 let (mut stood, mut missed) = (0, 0);
-                for outline in outlines(witnesses, witness_points) {
+                for outline in &outlines {
                     stood += usize::from(outline.saw_stand(in_map, taken.at));
                     missed += usize::from(outline.missed(in_map, taken.at));
                 }
@@ -171,14 +177,19 @@ pub(super) fn walking(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], wit
 ///
 /// * `witnesses` — with the hits of each, robot frame, in beam order
 pub(super) fn know(in_map: Point2, witnesses: &[KeyScan], witness_points: &[Point2]) -> bool {
-    outlines(witnesses, witness_points).any(|outline| outline.testimony(outline.place(in_map)) != Testimony::None)
+    let outlines = outlines(witnesses, witness_points);
+    outlines.iter().any(|outline| outline.testimony(outline.place(in_map)) != Testimony::None)
 }
 
 /// What each of the witnesses saw.
-fn outlines<'a>(witnesses: &'a [KeyScan], points: &'a [Point2]) -> impl Iterator<Item = Outline<'a>> {
+fn outlines<'a>(witnesses: &'a [KeyScan], points: &'a [Point2]) -> heapless::Vec<Outline<'a>, WITNESSES_MAX> {
     let room = points.len().checked_div(witnesses.len()).unwrap_or(0).max(1);
-    let seen = witnesses.iter().zip(points.chunks(room));
-    seen.map(|(witness, points)| Outline::new(witness, points.get(..witness.count).unwrap_or_default()))
+    let mut outlines = heapless::Vec::new();
+    for (witness, points) in witnesses.iter().zip(points.chunks(room)).take(WITNESSES_MAX) {
+        // Cannot fail: there is room for as many.
+        let _ = outlines.push(Outline::new(witness, points.get(..witness.count).unwrap_or_default()));
+    }
+    outlines
 }
 
 /// Where a hit is.
@@ -190,7 +201,7 @@ struct Place {
 }
 
 impl Place {
-    fn moves<'a>(&self, now: Instant, outlines: impl Iterator<Item = Outline<'a>>) -> bool {
+    fn moves(&self, now: Instant, outlines: &[Outline<'_>]) -> bool {
         let (mut free, mut carried, mut stood) = (0, 0, 0);
         for outline in outlines {
             if self.is_alone {
@@ -214,12 +225,16 @@ pub(super) struct Outline<'a> {
     points: &'a [Point2],
     /// Bearing of the first one, rad.
     start: f32,
+    /// Index of the first hit behind the last place in the map …
+    after_place: Cell<usize>,
+    /// … and behind the last one in the robot's frame. The next place is mostly near.
+    after_carried: Cell<usize>,
 }
 
 impl<'a> Outline<'a> {
     pub(super) fn new(scan: &'a KeyScan, points: &'a [Point2]) -> Self {
         let start = points.first().map_or(0.0, |first| (*first - scan.taken.eye).bearing_rad());
-        Self { scan, points, start }
+        Self { scan, points, start, after_place: Cell::default(), after_carried: Cell::default() }
     }
 
     /// Beams go round once, counter-clockwise, from the first one on.
@@ -228,10 +243,12 @@ impl<'a> Outline<'a> {
         if angle < -1e-3 { angle + core::f32::consts::TAU } else { angle }
     }
 
-    /// Index of the first hit behind the bearing of `place`.
-    fn after(&self, place: Point2) -> usize {
+    /// Index of the first hit behind the bearing of `place`, looked for about where that of the last one was.
+    fn after(&self, place: Point2, last: &Cell<usize>) -> usize {
         let bearing = self.turned(place);
-        self.points.partition_point(|point| self.turned(*point - self.scan.taken.eye) <= bearing)
+        let is_before = |point: &Point2| self.turned(*point - self.scan.taken.eye) <= bearing;
+        last.set(partition_point_near(self.points, last.get(), is_before));
+        last.get()
     }
 
     /// Neighbouring hits about index `after`, as seen from the laser, each with the index of its first one.
@@ -257,7 +274,7 @@ impl<'a> Outline<'a> {
     /// True if nothing was at a place in the map so long before `now`, though it would have been seen there.
     fn missed(&self, in_map: Point2, now: Instant) -> bool {
         let place = self.place(in_map);
-        let after = self.after(place);
+        let after = self.after(place, &self.after_place);
         let before = after.checked_sub(1).and_then(|index| self.points.get(index));
         let Some((a, b)) = before.zip(self.points.get(after)) else { return false };
         let (a, b) = (*a - self.scan.taken.eye, *b - self.scan.taken.eye);
@@ -268,12 +285,13 @@ impl<'a> Outline<'a> {
 
     /// True if something was hit at `place`; the line between two hits is nothing that was.
     fn has_hit_at(&self, place: Point2) -> bool {
-        self.lines(self.after(place)).any(|(_, a, b)| (place - a).norm() < STOOD_M || (place - b).norm() < STOOD_M)
+        let mut lines = self.lines(self.after(place, &self.after_place));
+        lines.any(|(_, a, b)| (place - a).norm() < STOOD_M || (place - b).norm() < STOOD_M)
     }
 
     /// True if a hit stood at `place`.
     fn is_on(&self, place: Point2) -> bool {
-        self.lines(self.after(place)).any(|(_, a, b)| {
+        self.lines(self.after(place, &self.after_carried)).any(|(_, a, b)| {
             let is_seen = self.turned(b) - self.turned(a) <= GAP_RAD;
             distance(place, a, if is_seen { b } else { a }) < CARRIED_M
         })
@@ -281,7 +299,7 @@ impl<'a> Outline<'a> {
 
     /// What the scan says of `place`, as seen from its laser.
     fn testimony(&self, place: Point2) -> Testimony {
-        let after = self.after(place);
+        let after = self.after(place, &self.after_place);
         let mut says = Testimony::None;
         for (index, a, b) in self.lines(after) {
             let is_seen = self.turned(b) - self.turned(a) <= GAP_RAD;
@@ -294,6 +312,35 @@ impl<'a> Outline<'a> {
         }
         says
     }
+}
+
+/// As `partition_point` of a slice, looked for about `near`, twice as far each time: O(log of how far it is from there).
+fn partition_point_near<T>(items: &[T], near: usize, is_before: impl Fn(&T) -> bool) -> usize {
+    let says = |index: usize| items.get(index).map(&is_before);
+    let near = near.min(items.len());
+    let (mut low, mut high, mut reach) = (0, items.len(), 1_usize);
+    if says(near) == Some(true) {
+        low = near + 1;
+        while let Some(is_before) = says(near.saturating_add(reach)) {
+            if !is_before {
+                high = near + reach;
+                break;
+            }
+            low = near + reach + 1;
+            reach = reach.saturating_mul(2);
+        }
+    } else {
+        high = near;
+        while let Some(is_before) = near.checked_sub(reach).and_then(says) {
+            if is_before {
+                low = near - reach + 1;
+                break;
+            }
+            high = near - reach;
+            reach = reach.saturating_mul(2);
+        }
+    }
+    low + items.get(low..high).unwrap_or_default().partition_point(is_before)
 }
 
 /// Distance of a point from the line between `a` and `b`.

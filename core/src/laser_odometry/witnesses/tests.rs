@@ -41,6 +41,22 @@ fn taken_at(x: f32) -> Taken {
     }
 }
 
+proptest::proptest! {
+    #[test]
+    fn looked_for_about_anywhere_it_is_found(count in 0_usize..200, split in 0_usize..220, near in 0_usize..220) {
+        let items: Vec<usize> = (0..count).collect();
+        let asked = core::cell::Cell::new(0);
+        let is_before = |item: &usize| {
+            asked.set(asked.get() + 1);
+            *item < split
+        };
+        let found = partition_point_near(&items, near, is_before);
+        proptest::prop_assert_eq!(found, split.min(count));
+        let away = found.abs_diff(near.min(count));
+        proptest::prop_assert!(asked.get() <= 2 + 2 * (usize::BITS - away.leading_zeros()), "{} for {away}", asked.get());
+    }
+}
+
 const NOBODY: &dyn Fn(f32) -> f32 = &|_| f32::MAX;
 
 #[test]
