@@ -21,8 +21,8 @@ mod sweep;
 
 pub use endurance::{LongDrive, Stretch, endurance_csv, endurance_markdown, plot_endurance, run_endurance};
 pub use envelope::{
-    Degradation, ENVELOPE_ROWS, EnvelopeRow, EnvelopeRun, degrade, envelope_csv, envelope_markdown, plot_envelope,
-    run_envelope,
+    Degradation, ENVELOPE_ROWS, EnvelopeRow, EnvelopeRun, Told, degrade, envelope_csv, envelope_markdown,
+    plot_envelope, run_envelope,
 };
 pub use findings::{Experiment, markdown};
 pub use growth::{Growth, GrowthError, plot_growth, read_growth};
