@@ -4,7 +4,8 @@
 //! left out: hits where no cell is and no witness has seen anything or that nothing is, and that no wall stands before. The rest must fit well, as
 //! a scan does that stands for few. A scan at a wrong place fits no better without them: its other hits lie where it is free, or behind walls.
 
-use super::{LaserOdometry, Reference, witnesses};
+use super::witnesses::{self, Outline};
+use super::{LaserOdometry, Reference};
 use crate::geometry::Point2;
 use crate::matcher::Match;
 
@@ -23,16 +24,15 @@ impl LaserOdometry<'_> {
         }
         let at = matched.map_from_robot;
         let points = self.points.get(..count).unwrap_or_default();
-        let is_known = |point: &&Point2| self.is_known(at.transform(eye), at.transform(**point));
+        let outlines = witnesses::outlines(self.key_scans, self.key_points);
+        let is_known = |point: &&Point2| self.is_known(at.transform(eye), at.transform(**point), &outlines);
         let known = points.iter().filter(is_known).count();
         let fits = matched.score >= share * self.score_per_point * known as f32;
         known >= KNOWN_MIN && known as f32 >= KNOWN_SHARE_MIN * count as f32 && fits
     }
 
     /// True if the reference or a witness says what is to be expected of a ray from `eye` to `hit` (map).
-    fn is_known(&self, eye: Point2, hit: Point2) -> bool {
-        self.ndt.worth_at(hit).is_some()
-            || self.ndt.stands_between(eye, hit)
-            || witnesses::know(hit, self.key_scans, self.key_points)
+    fn is_known(&self, eye: Point2, hit: Point2, outlines: &[Outline<'_>]) -> bool {
+        self.ndt.worth_at(hit).is_some() || self.ndt.stands_between(eye, hit) || witnesses::know(hit, outlines)
     }
 }

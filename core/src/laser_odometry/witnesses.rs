@@ -174,15 +174,17 @@ pub(super) fn walking(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], wit
 }
 
 /// True if a witness saw that something is at `in_map`, or that nothing is.
-///
-/// * `witnesses` — with the hits of each, robot frame, in beam order
-pub(super) fn know(in_map: Point2, witnesses: &[KeyScan], witness_points: &[Point2]) -> bool {
-    let outlines = outlines(witnesses, witness_points);
+pub(super) fn know(in_map: Point2, outlines: &[Outline<'_>]) -> bool {
     outlines.iter().any(|outline| outline.testimony(outline.place(in_map)) != Testimony::None)
 }
 
 /// What each of the witnesses saw.
-fn outlines<'a>(witnesses: &'a [KeyScan], points: &'a [Point2]) -> heapless::Vec<Outline<'a>, WITNESSES_MAX> {
+///
+/// * `points` — the hits of each, robot frame, in beam order
+pub(super) fn outlines<'a>(
+    witnesses: &'a [KeyScan],
+    points: &'a [Point2],
+) -> heapless::Vec<Outline<'a>, WITNESSES_MAX> {
     let room = points.len().checked_div(witnesses.len()).unwrap_or(0).max(1);
     let mut outlines = heapless::Vec::new();
     for (witness, points) in witnesses.iter().zip(points.chunks(room)).take(WITNESSES_MAX) {
@@ -232,7 +234,7 @@ pub(super) struct Outline<'a> {
 }
 
 impl<'a> Outline<'a> {
-    pub(super) fn new(scan: &'a KeyScan, points: &'a [Point2]) -> Self {
+    fn new(scan: &'a KeyScan, points: &'a [Point2]) -> Self {
         let start = points.first().map_or(0.0, |first| (*first - scan.taken.eye).bearing_rad());
         Self { scan, points, start, after_place: Cell::default(), after_carried: Cell::default() }
     }
