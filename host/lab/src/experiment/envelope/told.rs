@@ -1,6 +1,7 @@
 //! Does a run say where it is off? While it runs it calls scans lost, or says that the scene leaves an axis undetermined, as along a
 //! bare corridor. **What is off, and what of it was told.**
 
+use lrfslam_core::time::Instant;
 use lrfslam_host::results::quality::{Quality, Stretch};
 use lrfslam_host::trajectory::TimedPose;
 use serde::Serialize;
@@ -25,13 +26,13 @@ impl Told {
     /// Of a run with this path, from its first scan on.
     pub(super) fn of(path: &[TimedPose], relations: &[Relation], quality: &Quality) -> Self {
         let start = path.first().map(|pose| pose.stamp).unwrap_or_default();
-        let seconds = |stamp: lrfslam_core::time::Instant| stamp.since(start).micros as f64 / 1e6;
+        let seconds = |stamp: Instant| stamp.since(start).micros as f64 / 1e6;
         let is_told = |relation: &Relation| {
             let (from_s, to_s) = (seconds(relation.start), seconds(relation.end));
             let meets = |stretch: &Stretch| stretch.from_s <= to_s && stretch.to_s >= from_s;
             quality.lost.iter().chain(&quality.undetermined).any(meets)
         };
-        let (mut told, mut others, mut others_told) = (Self::default(), 0, 0);
+        let (mut told, mut others, mut others_told) = (Self::default(), 0_usize, 0_usize);
         for (relation, error_m) in relation_errors_m(path, relations) {
             if error_m > OFF_M {
                 told.off += 1;
@@ -41,14 +42,13 @@ impl Told {
                 others_told += usize::from(is_told(relation));
             }
         }
-        Self { others_told_share: f64::from(others_told as u32) / f64::from(others.max(1) as u32), ..told }
+        Self { others_told_share: others_told as f64 / others.max(1) as f64, ..told }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use lrfslam_core::geometry::Pose2;
-    use lrfslam_core::time::Instant;
     use lrfslam_host::pose_f64::PoseF64;
 
     use super::*;
