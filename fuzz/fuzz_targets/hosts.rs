@@ -1,4 +1,7 @@
 //! Entry `hosts`: see `lrfslam_tests::entries`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|input: &[u8]| lrfslam_tests::entries::hosts(input));
+libfuzzer_sys::fuzz_target!(
+    init: lrfslam_tests::samples::write("hosts", concat!(env!("CARGO_MANIFEST_DIR"), "/corpus/hosts")),
+    |input: &[u8]| lrfslam_tests::entries::hosts(input)
+);

@@ -3,13 +3,19 @@
 //! `fuzz/` runs them with coverage for hours; the test `fuzzed` spoils small samples of what is right, for seconds.
 
 use std::fs;
-use std::io::Cursor;
+use std::io::{Cursor, Write as _};
 use std::path::Path;
 
+use crc::{CRC_32_ISO_HDLC, Crc};
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use lrfslam_app::config::RunConfig;
 use lrfslam_core::time::{Duration, Instant};
 use lrfslam_firmware_sim::scenario::Scenario;
-use lrfslam_host::mapping::saved_map::SavedMap;
+use lrfslam_host::localize::KnownMap;
+use lrfslam_host::mapping::high::HighConfigs;
+use lrfslam_host::mapping::saved_map::{self, SavedMap};
+use lrfslam_host::maps::occupancy::{MapConfig, OccupancyMap};
 use lrfslam_host::robot::{ClientMemory, JOURNAL, Journal, Judge, RobotClient, RobotEvent, RobotMap, Sweeps};
 use lrfslam_host::scans::bags::{Bag, Taken, TfWanted};
 use lrfslam_host::scans::log::{LogOptions, LogReader};
@@ -146,9 +152,33 @@ pub fn recordings(bytes: &[u8]) {
     assert!(count <= bytes.len() && reader.end().is_some());
 }
 
-/// A saved map, as `map.lrfslam` in a folder.
+/// A saved map, as `map.lrfslam` in a folder: the bytes as its file, and as what its header tells of. What can be read is driven on in and
+/// drawn.
 pub fn maps(bytes: &[u8]) {
-    in_folder(&[("map.lrfslam", bytes)], |folder| drop(SavedMap::read(folder)));
+    for file in [bytes, &map_file_of(bytes)] {
+        in_folder(&[(saved_map::FILE_NAME, file)], |folder| {
+            let Ok(saved) = SavedMap::read(folder) else { return };
+            let config = HighConfigs::default();
+            if let Ok(known) = KnownMap::new(&saved, &config) {
+                known.draw(&mut OccupancyMap::new(MapConfig::default()));
+            }
+            if let Ok(mut high) = saved.high_slam(&config) {
+                let _ = high.drive_on_from(None);
+            }
+        });
+    }
+}
+
+/// Bytes of the header of a saved map.
+pub(crate) const MAP_HEADER: usize = 22;
+
+/// A saved map whose header and packing are right.
+pub fn map_file_of(content: &[u8]) -> Vec<u8> {
+    let mut packed = Vec::new();
+    let mut packer = GzEncoder::new(&mut packed, Compression::fast());
+    packer.write_all(content).and_then(|()| packer.finish().map(drop)).expect("memory takes all");
+    let (length, crc) = (packed.len() as u64, Crc::<u32>::new(&CRC_32_ISO_HDLC).checksum(&packed));
+    [&b"LRFSLAM\x1a\x04\0"[..], &length.to_le_bytes(), &crc.to_le_bytes(), &packed].concat()
 }
 
 /// A robot's journal. It stays as it is.

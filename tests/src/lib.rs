@@ -11,6 +11,7 @@ pub mod mcu;
 pub mod oracle;
 pub mod rig;
 pub mod robot_rig;
+pub mod samples;
 pub mod scenes;
 
 pub use rig::{Rig, RigReport};

@@ -20,6 +20,8 @@ use crate::trajectory::TimedPose;
 const START_SIGMA_M: f64 = 0.1;
 /// … and rad.
 const START_SIGMA_RAD: f64 = 0.035;
+/// Nothing of a map is farther away, m: a day's drive straight on.
+const FAR_M: f64 = 1e5;
 
 /// A path with its graph, as it is saved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -93,6 +95,9 @@ pub enum SavedPathError {
     /// Every number is finite.
     #[error("a number in it is not finite")]
     NotFinite,
+    /// Places, and lasers on their robot, lie where a robot can come to.
+    #[error("a place in it is more than {} km away", FAR_M / 1e3)]
+    Far,
 }
 
 impl HighSlam<'_> {
@@ -117,7 +122,7 @@ impl HighSlam<'_> {
     /// # Errors
     /// If the parts do not fit together.
     pub fn restored(config: &HighConfigs, saved: &SavedPath, scans: ScanStore) -> Result<Self, SavedPathError> {
-        saved.check(scans.len())?;
+        saved.check(&scans)?;
         let mut high = Self::new(config, None);
         high.scans = scans;
         high.graph = PoseGraph::default();
@@ -225,8 +230,8 @@ impl SavedPath {
 }
 
 impl SavedPath {
-    fn check(&self, scans: usize) -> Result<(), SavedPathError> {
-        let (segments, nodes) = (self.segments.len(), self.nodes.len());
+    fn check(&self, scans: &ScanStore) -> Result<(), SavedPathError> {
+        let (segments, nodes, scans_held) = (self.segments.len(), self.nodes.len(), scans.len());
         if segments == 0 || segments != nodes {
             return Err(SavedPathError::Nodes { segments, nodes });
         }
@@ -235,22 +240,38 @@ impl SavedPath {
             return Err(SavedPathError::Edge(index));
         }
         let mut named = self.segments.iter().flat_map(|segment| &segment.poses).filter_map(|pose| pose.scan);
-        if let Some(scan) = named.find(|scan| *scan as usize >= scans) {
-            return Err(SavedPathError::Scan(scan, scans));
+        if let Some(scan) = named.find(|scan| *scan as usize >= scans_held) {
+            return Err(SavedPathError::Scan(scan, scans_held));
         }
-        let is_finite = self.nodes.iter().flatten().all(|number| number.is_finite())
-            && self.edges.iter().all(|edge| edge.from_to.iter().chain(&edge.information).all(|n| n.is_finite()))
-            && self.segments.iter().all(SavedSegment::is_finite);
-        if is_finite { Ok(()) } else { Err(SavedPathError::NotFinite) }
+        let of_edges = self.edges.iter().flat_map(|edge| edge.information);
+        if !of_edges.chain(self.segments.iter().flat_map(SavedSegment::numbers)).all(f64::is_finite) {
+            return Err(SavedPathError::NotFinite);
+        }
+        let lasers = (0..scans_held).map(|scan| scans.robot_from_lrf(scan)).map(PoseF64::from).map(numbers);
+        let steps = self.edges.iter().map(|edge| edge.from_to);
+        let places = self.nodes.iter().copied().chain(steps).chain(self.segments.iter().flat_map(SavedSegment::places));
+        for number in places.chain(lasers).flatten().map(f64::abs) {
+            match number {
+                _ if !number.is_finite() => return Err(SavedPathError::NotFinite),
+                _ if number > FAR_M => return Err(SavedPathError::Far),
+                _ => {}
+            }
+        }
+        Ok(())
     }
 }
 
 impl SavedSegment {
-    fn is_finite(&self) -> bool {
-        self.end.iter().chain(&self.covariance).all(|number| number.is_finite())
-            && self.travel_m.is_finite()
-            && self.rotation_rad.is_finite()
-            && self.poses.iter().all(|pose| pose.start_from_robot.is_finite() && pose.slack_m.is_finite())
+    /// All that are no places.
+    fn numbers(&self) -> impl Iterator<Item = f64> {
+        let slack_m = self.poses.iter().map(|pose| pose.slack_m);
+        let of_way = slack_m.chain([self.travel_m, self.rotation_rad]).map(f64::from);
+        self.covariance.into_iter().chain(of_way)
+    }
+
+    fn places(&self) -> impl Iterator<Item = [f64; 3]> {
+        let poses = self.poses.iter().map(|pose| numbers(PoseF64::from(pose.start_from_robot)));
+        poses.chain([self.end])
     }
 }
 
@@ -297,4 +318,31 @@ fn pose([x, y, heading]: [f64; 3]) -> PoseF64 {
 
 fn elements(matrix: &Matrix3<f64>) -> [f64; 9] {
     std::array::from_fn(|index| matrix[index])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_is_refused() {
+        let refused = |spoil: &dyn Fn(&mut SavedPath)| {
+            let mut path = SavedPath::example();
+            path.segments.iter_mut().flat_map(|segment| &mut segment.poses).for_each(|pose| pose.scan = None);
+            spoil(&mut path);
+            HighSlam::restored(&HighConfigs::default(), &path, ScanStore::default()).err()
+        };
+        assert_eq!(refused(&|_| {}), None);
+        let far = Some(SavedPathError::Far);
+        assert_eq!(refused(&|path| path.nodes[1][0] = 1.1e5), far);
+        assert_eq!(refused(&|path| path.segments[0].poses[0].start_from_robot.y = -3e38), far);
+        assert_eq!(refused(&|path| path.edges[0].from_to[1] = 1e300), far);
+        let not_finite = Some(SavedPathError::NotFinite);
+        assert_eq!(refused(&|path| path.segments[1].end[2] = f64::NAN), not_finite);
+        assert_eq!(refused(&|path| path.edges[1].information[4] = f64::INFINITY), not_finite);
+        assert_eq!(refused(&|path| path.segments[0].travel_m = f32::NAN), not_finite);
+        assert_eq!(refused(&|path| path.edges[1].to = 2), Some(SavedPathError::Edge(1)));
+        assert_eq!(refused(&|path| path.segments[1].poses[0].scan = Some(0)), Some(SavedPathError::Scan(0, 0)));
+        assert_eq!(refused(&|path| path.nodes.truncate(1)), Some(SavedPathError::Nodes { segments: 2, nodes: 1 }));
+    }
 }
