@@ -98,6 +98,9 @@ pub enum SavedPathError {
     /// Places, and lasers on their robot, lie where a robot can come to.
     #[error("a place in it is more than {} km away", FAR_M / 1e3)]
     Far,
+    /// A pose takes a share of what its stretch of path was moved by.
+    #[error("a pose in it takes more than all that its stretch of path was moved by, or less than nothing")]
+    Slack,
 }
 
 impl HighSlam<'_> {
@@ -247,6 +250,9 @@ impl SavedPath {
         if !of_edges.chain(self.segments.iter().flat_map(SavedSegment::numbers)).all(f64::is_finite) {
             return Err(SavedPathError::NotFinite);
         }
+        if !self.segments.iter().all(SavedSegment::has_shares) {
+            return Err(SavedPathError::Slack);
+        }
         let lasers = (0..scans_held).map(|scan| scans.robot_from_lrf(scan)).map(PoseF64::from).map(numbers);
         let steps = self.edges.iter().map(|edge| edge.from_to);
         let places = self.nodes.iter().copied().chain(steps).chain(self.segments.iter().flat_map(SavedSegment::places));
@@ -267,6 +273,12 @@ impl SavedSegment {
         let slack_m = self.poses.iter().map(|pose| pose.slack_m);
         let of_way = slack_m.chain([self.travel_m, self.rotation_rad]).map(f64::from);
         self.covariance.into_iter().chain(of_way)
+    }
+
+    /// True if no pose has more slack than the last one.
+    fn has_shares(&self) -> bool {
+        let all_m = self.poses.last().map_or(0.0, |last| last.slack_m);
+        self.poses.iter().all(|pose| (0.0..=all_m).contains(&pose.slack_m))
     }
 
     fn places(&self) -> impl Iterator<Item = [f64; 3]> {
@@ -341,6 +353,8 @@ mod tests {
         assert_eq!(refused(&|path| path.segments[1].end[2] = f64::NAN), not_finite);
         assert_eq!(refused(&|path| path.edges[1].information[4] = f64::INFINITY), not_finite);
         assert_eq!(refused(&|path| path.segments[0].travel_m = f32::NAN), not_finite);
+        assert_eq!(refused(&|path| path.segments[0].poses[0].slack_m = 3e38), Some(SavedPathError::Slack));
+        assert_eq!(refused(&|path| path.segments[0].poses[0].slack_m = -0.1), Some(SavedPathError::Slack));
         assert_eq!(refused(&|path| path.edges[1].to = 2), Some(SavedPathError::Edge(1)));
         assert_eq!(refused(&|path| path.segments[1].poses[0].scan = Some(0)), Some(SavedPathError::Scan(0, 0)));
         assert_eq!(refused(&|path| path.nodes.truncate(1)), Some(SavedPathError::Nodes { segments: 2, nodes: 1 }));
