@@ -3,7 +3,8 @@
 //!
 //! # Criterion
 //! A scan tells nothing new if it was taken within [`NEAR_M`] and [`NEAR_DEG`] of scans of [`VISITS`] earlier visits, whose places the graph
-//! is as sure of as the low level's map asks. A segment all of whose scans are such is known. Once it is a few segments old, the nodes between
+//! is as sure of as the low level's map asks; of a node that is judged again, as what is near asks ([`AGAIN_SIGMA_M`]): in the middle of a
+//! bare corridor nothing makes it surer. A segment all of whose scans are such is known. Once it is a few segments old, the nodes between
 //! known segments that closures tie to older ground, or the hanging node before or after them, leave the graph and
 //! [hang](crate::places::pose_graph::PoseGraph::hang) on the nearest node of an earlier visit.
 //! A place of a plane and a direction holds no more than that many visits, so the graph is bounded by the area.
@@ -32,13 +33,15 @@ const VISITS: usize = 2;
 const NEWER_VISITS: usize = 3;
 /// Nodes that are judged again after each segment. Chosen.
 const AGAIN: usize = 4;
+/// Their places are as sure, m (one standard deviation): seven in eight lie within [`NEAR_M`] along the axis that is least known.
+pub(super) const AGAIN_SIGMA_M: f64 = 2.0 / 3.0;
 /// Segments this far apart along the way are different visits.
 const VISIT_SEGMENTS: usize = 3;
 /// Scans so far apart, m, or so far turned, rad, are asked about.
 const ASKED_APART: (f32, f32) = (0.25, 0.2);
 /// Segments whose starts are farther apart, m, share no place: each goes 4 m at most.
 const SEGMENTS_APART_M: f64 = 10.0;
-/// How surely a node lies where it hangs, m …
+/// How surely a node lies where it hangs, m, unless it is reached less surely than the low level's map asks …
 const HANGING_SIGMA_M: f64 = 0.05;
 /// … and degrees: as a closure.
 const HANGING_SIGMA_DEG: f64 = 0.3;
@@ -51,29 +54,30 @@ impl HighSlam<'_> {
         let Some(segment) = self.segments.len().checked_sub(WAITING_SEGMENTS + 2).filter(|segment| *segment > 0) else {
             return;
         };
-        self.let_go_if_known(segment);
+        self.let_go_if_known(segment, f64::from(REFERENCE_SIGMA_M));
         let hung = self.hung_nodes();
         let left: Vec<usize> = (1..segment).filter(|node| !hung.contains(node)).collect();
         // In turns, for the first visits stay for good.
         let turn = AGAIN * segment % left.len().max(1);
-        left.iter().cycle().skip(turn).take(AGAIN.min(left.len())).for_each(|&again| self.let_go_if_known(again));
+        let again = left.iter().cycle().skip(turn).take(AGAIN.min(left.len()));
+        again.for_each(|&segment| self.let_go_if_known(segment, AGAIN_SIGMA_M));
     }
 
-    fn let_go_if_known(&mut self, segment: usize) {
+    /// * `sigma_m` — places less certain than that, as seen from the segment, are not counted, m
+    pub(super) fn let_go_if_known(&mut self, segment: usize, sigma_m: f64) {
         let reached = reach_from(&self.graph, segment);
-        let mapped = self.mapped_segments(segment, &reached);
+        let mapped = self.mapped_segments(segment, &reached, sigma_m);
         if self.is_known(segment, &mapped, VISITS) && self.is_known(segment - 1, &mapped, VISITS) {
-            self.hang(segment, &mapped);
+            self.hang(segment, &mapped, &reached);
             self.forget_scans(segment);
         }
     }
 
     /// Older segments of the graph whose places are sure as seen from node `of`.
-    fn mapped_segments(&self, of: usize, reached: &[Option<Reach>]) -> Vec<usize> {
+    fn mapped_segments(&self, of: usize, reached: &[Option<Reach>], sigma_m: f64) -> Vec<usize> {
         let hung = self.hung_nodes();
         let is_mapped = |k: usize| !hung.contains(&k) && !hung.contains(&(k + 1));
-        let is_sure =
-            |k: usize| reached[k].is_some_and(|reach: Reach| reach.position_m() <= f64::from(REFERENCE_SIGMA_M));
+        let is_sure = |k: usize| reached[k].is_some_and(|reach: Reach| reach.position_m() <= sigma_m);
         (0..of.saturating_sub(VISIT_SEGMENTS)).filter(|&k| is_mapped(k) && is_sure(k)).collect()
     }
 
@@ -100,7 +104,7 @@ impl HighSlam<'_> {
         apart(self.scans_of(segment), step_m, step_rad).map(|(pose, _)| pose).collect()
     }
 
-    fn hang(&mut self, node: usize, mapped: &[usize]) {
+    fn hang(&mut self, node: usize, mapped: &[usize], reached: &[Option<Reach>]) {
         // By a closure of its own, or by what comes before or after it, which hangs.
         let is_tied = |edge: &Edge| {
             let is_held = edge.to == node && edge.from + 1 != node;
@@ -110,7 +114,9 @@ impl HighSlam<'_> {
             return;
         }
         let Some(on) = self.nearest_first_visit(node, mapped) else { return };
-        let (position, heading) = (HANGING_SIGMA_M.powi(-2), HANGING_SIGMA_DEG.to_radians().powi(-2));
+        let reach_m = reached[on].map_or(0.0, |reach| reach.position_m());
+        let sigma_m = if reach_m > f64::from(REFERENCE_SIGMA_M) { reach_m } else { HANGING_SIGMA_M };
+        let (position, heading) = (sigma_m.powi(-2), HANGING_SIGMA_DEG.to_radians().powi(-2));
         self.graph.hang(node, on, Matrix3::from_diagonal(&Vector3::new(position, position, heading)));
     }
 

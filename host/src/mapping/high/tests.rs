@@ -80,3 +80,29 @@ fn a_path_surer_than_it_may_be_is_believed_less() {
     assert_eq!((told.0, surer.0), (1, 0));
     assert!(surer.1 > told.1 && surer.2 > 2.0 && told.2 == 1.0, "{surer:?} {told:?}");
 }
+
+/// In the middle of a bare corridor a node is known to half a metre, and never better: judged again it leaves the graph all the same, and
+/// hangs no surer than that.
+#[test]
+fn known_ground_that_stays_unsure_is_let_go_when_it_is_judged_again() {
+    let visits = |along_m: f64| {
+        let mut high = straight();
+        let mut edges = high.graph.edges().to_vec();
+        high.graph = PoseGraph::default();
+        (0..10).for_each(|node| _ = high.graph.add_node(PoseF64::new(f64::from(node), 0.0, 0.0)));
+        edges[6].information = Matrix3::from_diagonal_element(along_m.powi(-2));
+        edges.iter().for_each(|edge| high.graph.add_edge(*edge));
+        high.graph.add_edge(Edge { information: edges[6].information, ..closure(8, 0.0).edge() });
+        high
+    };
+    let hung = |high: &HighSlam<'_>| high.graph.edges().iter().find(|edge| edge.is_hanging()).copied();
+    let mut unsure = visits(0.5);
+    unsure.let_go_if_known(8, f64::from(placing::REFERENCE_SIGMA_M));
+    assert!(hung(&unsure).is_none());
+    unsure.let_go_if_known(8, known::AGAIN_SIGMA_M);
+    let edge = hung(&unsure).expect("it hangs");
+    assert!((edge.information[(0, 0)].powf(-0.5) - 0.5).abs() < 0.01, "{edge:?}");
+    let mut lost = visits(0.7);
+    lost.let_go_if_known(8, known::AGAIN_SIGMA_M);
+    assert!(hung(&lost).is_none());
+}
