@@ -120,7 +120,7 @@ pub fn samples(entry: &str) -> Vec<Vec<u8>> {
     }
 }
 
-/// The map of a square room with a post, driven round twice by a laser of few beams.
+/// The map of a square room, driven round twice by a laser of few beams.
 fn map_file() -> Vec<u8> {
     let mut high = HighSlam::new(&HighConfigs::default(), None);
     for (i, map_from_robot) in (0..).zip(round().chain(round())) {
