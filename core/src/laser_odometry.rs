@@ -30,6 +30,8 @@ mod witnesses;
 
 use self::course::{Course, Forecast};
 use self::finding::Found;
+#[cfg(feature = "witnesses")]
+pub use self::lone::part_lone;
 pub use self::reference::KeyScan;
 use self::reference::Taken;
 use self::sight::Sight;

@@ -1,8 +1,9 @@
 //! What stands alone in a scan: a few hits at one place, with nothing beside them at their distance, as of a person or a post.
 
 use super::reference::Taken;
-use crate::geometry::Point2;
+use crate::geometry::{Point2, Pose2};
 use crate::math::wrap_angle;
+use crate::scan::RangeScan;
 
 /// Fewer hits than this are no object: legs of chairs and noise. Chosen.
 const HITS_MIN: usize = 3;
@@ -34,6 +35,24 @@ enum Beside {
     Nothing,
     /// Something nearer, which may hide more of it, or the end of the scan.
     Unknown,
+}
+
+/// Moves those of `hits` that do not stand alone to the front, in order; returns how many these are. With beams too sparse to tell all do not.
+///
+/// * `hits` — of `scan`, robot frame, m, in beam order
+/// * `robot_from_lrf` — where the laser sits on the robot
+pub fn part_lone(hits: &mut [Point2], scan: &RangeScan<'_>, robot_from_lrf: Pose2) -> usize {
+    let taken = Taken::new(scan, robot_from_lrf, Pose2::IDENTITY);
+    let Some(mut objects) = Objects::new(&taken) else { return hits.len() };
+    let mut kept = 0;
+    for index in 0..hits.len() {
+        // What is in front of `index` is not looked at any more.
+        if !objects.is_alone(hits, index) {
+            hits.swap(kept, index);
+            kept += 1;
+        }
+    }
+    kept
 }
 
 /// Goes through the hits of a scan, object by object.
@@ -135,7 +154,8 @@ impl<'a> Objects<'a> {
 mod tests {
     use super::*;
     use crate::geometry::Pose2;
-    use crate::time::Instant;
+    use crate::scan::{Beam, Echo};
+    use crate::time::{Duration, Instant};
     use std::vec::Vec;
 
     const DEG: f32 = core::f32::consts::PI / 180.0;
@@ -198,5 +218,35 @@ mod tests {
         assert_eq!(alone(|bearing| corridor(bearing).min(board(bearing))), [], "1.9 m wide");
         let wall = |bearing: f32| 3.1 / libm::cosf(bearing).max(1e-3);
         assert_eq!(alone(|bearing| wall(bearing).min(person(3.0, 0.0, bearing))), [], "he leans on it");
+    }
+
+    #[test]
+    fn hits_that_stand_alone_go_behind_the_others_which_stay_in_order() {
+        let hit = |degree: i32| {
+            let bearing_rad = degree as f32 * DEG;
+            let range_m = corridor(bearing_rad).min(person(3.0, 0.1, bearing_rad));
+            Beam {
+                bearing_rad,
+                offset: Duration::ZERO,
+                echo: if range_m < 8.0 { Echo::Hit(range_m) } else { Echo::Miss },
+            }
+        };
+        let beams: Vec<Beam> = (-90..=90).map(hit).collect();
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+        let seen = beams.iter().filter_map(|beam| match beam.echo {
+            Echo::Hit(range_m) => Some(Point2::from_polar(range_m, beam.bearing_rad)),
+            _ => None,
+        });
+        let seen: Vec<Point2> = seen.collect();
+        let his = alone(|bearing| corridor(bearing).min(person(3.0, 0.1, bearing))).len();
+        let mut parted = seen.clone();
+        let count = part_lone(&mut parted, &scan, Pose2::IDENTITY);
+        assert_eq!(count, seen.len() - his);
+        assert!(his >= HITS_MIN && parted[count..].iter().all(|hit| (*hit - Point2::new(3.0, 0.1)).norm() < 0.3));
+        let rest: Vec<Point2> = seen.iter().filter(|hit| !parted[count..].contains(*hit)).copied().collect();
+        assert_eq!(parted[..count], rest);
+        // With beams 3° apart nobody can tell.
+        let sparse: Vec<Beam> = beams.iter().step_by(3).copied().collect();
+        assert_eq!(part_lone(&mut parted, &RangeScan { beams: &sparse, ..scan }, Pose2::IDENTITY), parted.len());
     }
 }

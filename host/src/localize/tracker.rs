@@ -2,7 +2,7 @@
 
 use lrfslam_core::filter::{PointCapacityError, hits};
 use lrfslam_core::geometry::{Point2, Pose2};
-use lrfslam_core::laser_odometry::{LaserOdometry, OdometryMemory};
+use lrfslam_core::laser_odometry::{LaserOdometry, OdometryMemory, part_lone};
 use lrfslam_core::ndt::NdtMemoryError;
 use lrfslam_core::scan::RangeScan;
 use lrfslam_core::sweep::Sweep;
@@ -72,8 +72,10 @@ impl<'m> Tracker<'m> {
         self.belief.drift(moved, before.heading);
         if self.way_m >= WITNESS_APART_M {
             let mut memory = vec![Point2::default(); scan.beams.len()];
-            let hits = hits(&Sweep { scan: *scan, robot_from_lrf, motion: step.motion }, &mut memory)?;
-            self.agreement = map.walls().agreement(hits, map_from_robot);
+            let count = hits(&Sweep { scan: *scan, robot_from_lrf, motion: step.motion }, &mut memory)?.len();
+            memory.truncate(count);
+            leave_out_people(&mut memory, (scan, robot_from_lrf), map, map_from_robot);
+            self.agreement = map.walls().agreement(&memory, map_from_robot);
             let moved_m = std::mem::take(&mut self.way_m).min(1.0);
             self.belief.observe(self.agreement, &step.matched.covariance, moved_m);
         }
@@ -86,6 +88,18 @@ impl<'m> Tracker<'m> {
         };
         Ok(Tracked { located, place_certainty: self.belief.place_certainty() })
     }
+}
+
+/// Leaves out those of `hits` (robot frame) that stand alone where the map has no wall: people hide walls, and say nothing about the place.
+fn leave_out_people(
+    hits: &mut Vec<Point2>,
+    (scan, robot_from_lrf): (&RangeScan<'_>, Pose2),
+    map: &KnownMap,
+    map_from_robot: Pose2,
+) {
+    let standing = part_lone(hits, scan, robot_from_lrf);
+    let lone = hits.split_off(standing);
+    hits.extend(lone.iter().filter(|hit| map.walls().is_on_wall(map_from_robot.transform(**hit))));
 }
 
 /// Way of a step: a turn of a radian shows as much that is new as half a metre.

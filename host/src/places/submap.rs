@@ -66,8 +66,7 @@ impl Submap {
 
     /// What other scans looked through was there for a moment only: people, doors, poses gone wrong.
     fn without_movers(self) -> Self {
-        let stands = |point: &Point2| self.has_wall_near(CellIndex::containing(*point, SQUARE_M), SAME_SQUARES);
-        let points = self.points.iter().copied().filter(stands).collect();
+        let points = self.points.iter().copied().filter(|point| self.is_on_wall(*point)).collect();
         Self { points, squares: self.squares }
     }
 
@@ -91,6 +90,11 @@ impl Submap {
         let known: f32 = on_walls + contradicting;
         let all = points.len().max(1) as f32;
         Agreement { on_walls: on_walls / all, contradicting: contradicting / known.max(1.0), known: known / all }
+    }
+
+    /// True if `point` (its frame) lies on a wall.
+    pub fn is_on_wall(&self, point: Point2) -> bool {
+        self.has_wall_near(CellIndex::containing(point, SQUARE_M), SAME_SQUARES)
     }
 
     fn has_wall_near(&self, square: CellIndex, squares: i32) -> bool {

@@ -25,6 +25,22 @@ fn mirrored(line: &str) -> String {
     words.join(" ")
 }
 
+/// The same scan with people about the robot, others in every scan: a third of the view is theirs, 0.6 to 1.6 m away.
+fn crowded(number: usize, line: &str) -> String {
+    let mut words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+    let count: usize = words[8].parse().unwrap();
+    for person in 0..7 {
+        let chance = (number * 7 + person).wrapping_mul(2_654_435_761) >> 8;
+        let (start, range_m) = (chance % (count - 9), 0.6 + 0.1 * (chance / 1000 % 11) as f64);
+        for word in &mut words[9 + start..9 + start + 9] {
+            if word.parse::<f64>().unwrap() > range_m {
+                *word = format!("{range_m:.2}");
+            }
+        }
+    }
+    words.join(" ")
+}
+
 fn write_log(folder: &Path, name: &str, lines: &[String]) {
     let mut file = fs::File::create(folder.join(name)).unwrap();
     lines.iter().for_each(|line| writeln!(file, "{line}").unwrap());
@@ -96,6 +112,34 @@ fn a_robot_finds_itself_and_only_in_the_right_map() {
     assert!(stdout.contains("the robot has not found itself in the map"), "{stdout}");
     assert_eq!(fs::read(folder.join("nowhere/trajectory.tum")).unwrap(), b"");
     assert_eq!(fs::read(folder.join("all/map.lrfslam")).unwrap(), map_before, "the map is not changed");
+}
+
+/// People hide walls. That says nothing about the place; and whoever is elsewhere is still found out, among people too.
+#[test]
+fn a_crowd_does_not_make_the_robot_lost_nor_a_wrong_place_right() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let lines = floor();
+    let crowd: Vec<String> = lines.iter().enumerate().map(|(number, line)| crowded(number, line)).collect();
+    write_log(folder, "all.log", &lines);
+    write_log(folder, "crowd.log", &crowd);
+    write_log(folder, "later.log", &crowd[300..]);
+    assert_eq!(run(folder, &["map", "all.log", "-q", "--out", "all"]).0, 0);
+    let there = ["localize", "crowd.log", "--map", "all", "--start", "0,0,0", "--out", "there", "-q"];
+    assert_eq!(run(folder, &there), (0, String::new(), String::new()));
+    let found = &report(&folder.join("there"))["localisation"];
+    assert_eq!((&found["tracked_scans"], &found["lost"]), (&lines.len().into(), &0.into()));
+    let apart = distances(&folder.join("there/trajectory.tum"), &folder.join("all/trajectory.tum"));
+    assert!(apart[apart.len() * 99 / 100] < RIGHT_M, "{apart:?}");
+    // The drive is gone on with where it begins, and nowhere else.
+    let go_on =
+        |start: &str| run(folder, &["map", "crowd.log", "--continue", "all", "--start", start, "-q", "--out", "more"]);
+    assert_eq!(go_on("2,0,90").0, 3);
+    assert_eq!(go_on("0,0,0").0, 0);
+    // Told the start of the whole drive, a later part of it is somewhere else.
+    let wrong = ["localize", "later.log", "--map", "all", "--start", "0,0,0", "--out", "wrong", "-q"];
+    run(folder, &wrong);
+    assert_ne!(report(&folder.join("wrong"))["localisation"]["lost"], 0);
 }
 
 #[test]

@@ -18,6 +18,7 @@ mod particle_paths;
 mod plots;
 mod starts;
 mod sweep;
+mod told_starts;
 
 pub use endurance::{LongDrive, Stretch, endurance_csv, endurance_markdown, plot_endurance, run_endurance};
 pub use envelope::{
@@ -37,3 +38,4 @@ pub use particle_paths::{ParticlePaths, particle_paths, plot_particle_paths};
 pub use plots::{PlotError, plot_distributions, plot_errors};
 pub use starts::{StartFound, StartOutcome, StartsConfig, starts_csv, starts_summary, try_starts};
 pub use sweep::{CaseSummary, Method, PairError, SweepCase, SweepConfig, SweepError, SweepReport, sweep, write_csv};
+pub use told_starts::{ToldStarts, told_starts_markdown, try_told_starts};
