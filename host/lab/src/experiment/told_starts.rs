@@ -28,7 +28,7 @@ pub struct ToldStarts {
     pub told: &'static str,
     /// Starts.
     pub starts: u32,
-    /// Of these, taken for right to go on with the map, and nearer to the truth than what is wrong: a start that is told about is put right …
+    /// Of these, that [fit](lrfslam_host::localize::StartFit::fits), nearer to the truth than what is wrong: a start that is told about is put right …
     pub taken_rightly: u32,
     /// … and farther.
     pub taken_wrongly: u32,
