@@ -37,7 +37,7 @@ enum Beside {
     Unknown,
 }
 
-/// Moves those of `hits` that do not stand alone to the front, in order; returns how many these are. With beams too sparse to tell all do not.
+/// Moves those of `hits` that do not stand alone to the front, in order; returns how many these are: all, where beams are too sparse to tell.
 ///
 /// * `hits` — of `scan`, robot frame, m, in beam order
 /// * `robot_from_lrf` — where the laser sits on the robot

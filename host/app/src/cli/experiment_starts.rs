@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use crate::config::RunConfig;
 use clap::Args;
+use clap::builder::PossibleValuesParser;
 use lrfslam_core::time::Duration;
 
 use super::localize::not_whole;
@@ -15,8 +16,7 @@ use lrfslam_host::output::write_file;
 use lrfslam_host::runs::scans::read_scans;
 use lrfslam_host::trajectory::read_trajectory;
 use lrfslam_lab::experiment::{
-    Degradation, ENVELOPE_ROWS, EnvelopeRow, StartsConfig, degrade, starts_csv, starts_summary, told_starts_markdown,
-    try_starts, try_told_starts,
+    ENVELOPE_ROWS, StartsConfig, degrade, starts_csv, starts_summary, told_starts_markdown, try_starts, try_told_starts,
 };
 
 /// Does a robot find itself in a saved map, wherever it is switched on? Starts every few seconds of a log, each from an unknown place.
@@ -42,9 +42,9 @@ pub(super) struct StartsArgs {
     /// Farther from the true heading is wrong, degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = 5.0)]
     wrong_deg: f64,
-    /// Makes the log harder first, as a row of `experiment envelope` that keeps all scans: `people-30`, `walkers-4`, …
-    #[arg(long, value_name = "ROW", value_parser = harder)]
-    harder: Option<Degradation>,
+    /// Makes the log harder first, as this row of `experiment envelope` does.
+    #[arg(long, value_name = "ROW", value_parser = PossibleValuesParser::new(ENVELOPE_ROWS.map(|row| row.0)))]
+    harder: Option<String>,
     /// Tells the robot where it starts, rightly and wrongly: what comes of it, in a table.
     #[arg(long, conflicts_with = "out")]
     told: bool,
@@ -57,23 +57,14 @@ pub(super) struct StartsArgs {
     config: ConfigArgs,
 }
 
-fn harder(name: &str) -> Result<Degradation, String> {
-    let is_it = |row: &&EnvelopeRow| row.0 == name;
-    ENVELOPE_ROWS
-        .iter()
-        .find(is_it)
-        .map(|row| row.1)
-        .ok_or_else(|| format!("expected one of {}", ENVELOPE_ROWS.map(|row| row.0).join(", ")))
-}
-
 pub(super) fn run(args: &StartsArgs) -> Result<(), Failure> {
     let saved = SavedMap::read(&args.map).map_err(Failure::start)?;
     let config = RunConfig::of_saved(&saved, &args.map).map_err(Failure::start)?;
     let config = args.config.load_over(config, [])?;
     let map = KnownMap::new(&saved, &config.mapping().high_slam()).map_err(|error| not_whole(&args.map, &error))?;
     let mut scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
-    if let Some(harder) = args.harder {
-        scans = degrade(&scans, harder, args.seed.seed, 0);
+    if let Some((_, harder)) = ENVELOPE_ROWS.iter().find(|row| args.harder.as_deref() == Some(row.0)) {
+        scans = degrade(&scans, *harder, args.seed.seed, 0);
     }
     let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
     let seconds = |seconds: u32| Duration::from_micros(i64::from(seconds) * 1_000_000);
