@@ -24,7 +24,7 @@ fn frames(bytes: &[u8], piece: usize) -> Vec<Vec<u8>> {
     frames
 }
 
-fuzz_target!(|input: &[u8]| {
+fuzz_target!(init: lrfslam_tests::samples::write("scip", concat!(env!("CARGO_MANIFEST_DIR"), "/corpus/scip")), |input: &[u8]| {
     let Some((piece, bytes)) = input.split_first() else { return };
     let found = frames(bytes, usize::from(*piece % 64) + 1);
     assert_eq!(found, frames(bytes, bytes.len().max(1)), "the cut matters");

@@ -27,11 +27,14 @@ use lrfslam_robot::wire::lock::Lock;
 use lrfslam_robot::wire::message::{FromRobot, Health};
 use lrfslam_robot::{CompactPools, Input, Pools as _, Ports, Robot, RobotConfig};
 
+use crate::laser_scripts;
+
 /// An entry, and what it is called.
 pub type Entry = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const ENTRIES: [Entry; 11] = [
+pub const ENTRIES: [Entry; 12] = [
+    ("drivers", drivers),
     ("logs", logs),
     ("bags", bags),
     ("configurations", configurations),
@@ -44,6 +47,11 @@ pub const ENTRIES: [Entry; 11] = [
     ("images", images),
     ("trajectories", trajectories),
 ];
+
+/// What a laser says to its driver, as a [script](crate::laser_scripts).
+pub fn drivers(bytes: &[u8]) {
+    laser_scripts::play(bytes);
+}
 
 /// A log, as a reader takes it.
 pub fn logs(bytes: &[u8]) {

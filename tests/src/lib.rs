@@ -7,6 +7,7 @@
 pub mod data;
 pub mod drives;
 pub mod entries;
+pub mod laser_scripts;
 pub mod mcu;
 pub mod oracle;
 pub mod rig;

@@ -17,6 +17,7 @@ use lrfslam_robot::wire::message::ToRobot;
 use lrfslam_robot::wire::session::{LAYOUT, Packet, VERSION};
 
 use crate::entries::{MAP_HEADER, piece};
+use crate::laser_scripts::{HELP, LASERS, overheard};
 
 /// Writes the samples of an entry into a folder, for a fuzzer to start from.
 ///
@@ -84,6 +85,8 @@ pub fn samples(entry: &str) -> Vec<Vec<u8>> {
             text("ROBOTLASER1 0 -1.57 3.14 0.0174 81.9 0.01 0 2 1.5 2.5 0 0 0 0 0 0 0 0 0 0 0 0 1.0 host 1.0\n"),
             text("Odometry 0 0 0\nLaser 3 1.0 2.0 3.0\n"),
         ],
+        "drivers" => LASERS.map(|laser| overheard(laser, 3)).to_vec(),
+        "scip" => vec![[&[63][..], &HELP.concat()].concat()],
         "configurations" => vec![text("[ndt]\nnoise_m = 0.02\n[map]\ncell_size_m = 0.05\n")],
         "robots" => {
             let mut memory = [0; 1200];

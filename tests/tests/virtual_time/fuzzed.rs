@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use lrfslam_host::mapping::high::HighConfigs;
 use lrfslam_host::mapping::saved_map::{FILE_NAME, SavedMap, SavedMapError};
 use lrfslam_tests::entries::{ENTRIES, map_file_of};
+use lrfslam_tests::laser_scripts::play;
 use lrfslam_tests::samples::samples;
 
 /// A small generator of its own: samples must be the same everywhere.
@@ -83,6 +84,12 @@ fn spoiled_samples_of_everything_that_comes_in_are_survived() {
         println!("{name}: {count} spoiled samples, the longest took {:.1} ms", longest.0.as_secs_f64() * 1e3);
         assert!(longest.0 < Duration::from_secs(10), "{name}: {:?} took {:?}", longest.1, longest.0);
     }
+}
+
+/// Spoiled conversations would never reach what reads scans if the right ones did not.
+#[test]
+fn samples_of_lasers_come_to_scans() {
+    samples("drivers").iter().for_each(|script| assert!(play(script) >= 3, "laser {}", script[0]));
 }
 
 /// Spoiled maps would all be refused at once if the file that is made of them were not of this version.
