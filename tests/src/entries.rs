@@ -29,6 +29,8 @@ use lrfslam_robot::{CompactPools, Input, Pools as _, Ports, Robot, RobotConfig};
 
 use crate::laser_scripts;
 
+static CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
 /// An entry, and what it is called.
 pub type Entry = (&'static str, fn(&[u8]));
 
@@ -153,11 +155,41 @@ fn hear_robot(mut client: RobotClient<'_>, bytes: &[u8]) {
     let _ = map.path();
 }
 
-/// A recording of a laser.
+/// A recording of a laser: the bytes as they are, and with right checks.
 pub fn recordings(bytes: &[u8]) {
-    let Ok(mut reader) = RecordingReader::new(bytes) else { return };
-    let count = reader.by_ref().count();
-    assert!(count <= bytes.len() && reader.end().is_some());
+    for bytes in [bytes, &with_checks(bytes)] {
+        let Ok(mut reader) = RecordingReader::new(bytes) else { continue };
+        let count = reader.by_ref().count();
+        assert!(count <= bytes.len() && reader.end().is_some());
+    }
+}
+
+/// Bytes of a recording before its header: magic, and the header's length.
+pub(crate) const RECORDING_OPENING: usize = 12;
+
+/// A recording whose checks are those of its records: a flipped bit of it comes through.
+pub fn with_checks(recording: &[u8]) -> Vec<u8> {
+    /// A record without its payload.
+    const HEAD: usize = 13;
+    let mut bytes = recording.to_vec();
+    let length = |bytes: &[u8], at: usize| {
+        let four = bytes.get(at..at + 4)?.try_into().ok()?;
+        Some(u32::from_le_bytes(four) as usize)
+    };
+    let Some(header) = length(&bytes, RECORDING_OPENING - 4) else { return bytes };
+    let (mut since, mut at) = (RECORDING_OPENING + header, RECORDING_OPENING + header);
+    while let Some(payload) = length(&bytes, at + HEAD - 4)
+        && at + HEAD + payload <= bytes.len()
+    {
+        let end = at + HEAD + payload;
+        if bytes[at] == b'#' && payload == 4 {
+            let crc = CRC32.checksum(&bytes[since..at]);
+            bytes[at + HEAD..end].copy_from_slice(&crc.to_le_bytes());
+            since = end;
+        }
+        at = end;
+    }
+    bytes
 }
 
 /// A saved map, as `map.lrfslam` in a folder: the bytes as its file, and as what its header tells of. What can be read is driven on in and
@@ -185,7 +217,7 @@ pub fn map_file_of(content: &[u8]) -> Vec<u8> {
     let mut packed = Vec::new();
     let mut packer = GzEncoder::new(&mut packed, Compression::fast());
     packer.write_all(content).and_then(|()| packer.finish().map(drop)).expect("memory takes all");
-    let (length, crc) = (packed.len() as u64, Crc::<u32>::new(&CRC_32_ISO_HDLC).checksum(&packed));
+    let (length, crc) = (packed.len() as u64, CRC32.checksum(&packed));
     [&b"LRFSLAM\x1a\x04\0"[..], &length.to_le_bytes(), &crc.to_le_bytes(), &packed].concat()
 }
 

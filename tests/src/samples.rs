@@ -16,7 +16,7 @@ use lrfslam_robot::wire::frame::{MAX_FRAME, encode};
 use lrfslam_robot::wire::message::ToRobot;
 use lrfslam_robot::wire::session::{LAYOUT, Packet, VERSION};
 
-use crate::entries::{MAP_HEADER, piece};
+use crate::entries::{MAP_HEADER, RECORDING_OPENING, piece, with_checks};
 use crate::laser_scripts::{HELP, LASERS, overheard};
 
 /// Writes the samples of an entry into a folder, for a fuzzer to start from.
@@ -99,7 +99,11 @@ pub fn samples(entry: &str) -> Vec<Vec<u8>> {
             let locked = [&[64][..], &[66; 49], &[67; 60]].map(framed).concat();
             vec![conversation(&golden_messages("from robot: ")), locked]
         }
-        "recordings" => vec![std::fs::read(golden("LRFREC01.lrfrec")).expect("a golden file")],
+        "recordings" => {
+            let old = std::fs::read(golden("LRFREC01.lrfrec")).expect("a golden file");
+            let records = RECORDING_OPENING + usize::from(old[RECORDING_OPENING - 4]);
+            vec![checked(&old, &old[records..]), old]
+        }
         "maps" => vec![map_file(), content_of_map(&map_file())],
         "journals" => {
             let mut journal = format!("LRFROB{VERSION:02}").into_bytes();
@@ -121,6 +125,14 @@ pub fn samples(entry: &str) -> Vec<Vec<u8>> {
         "images" => vec![b"P5\n# ours\n3 2\n255\n\x00\xfe\xcd\xfe\xfe\xfe".to_vec()],
         _ => vec![text("1 2 3 0 0 0 0 1\n2 2 3 0 0 0 0 1\n"), text("1 2 3 4\n")],
     }
+}
+
+/// A recording that goes on with `records`, with checks.
+fn checked(recording: &[u8], records: &[u8]) -> Vec<u8> {
+    let check = |kind: u8, payload: u8| {
+        [&[kind, 0, 0, 0, 0, 0, 0, 0, 0, payload, 0, 0, 0][..], &[0; 4][..usize::from(payload)]].concat()
+    };
+    with_checks(&[recording, &check(b'#', 4), records, &check(b'#', 4), &check(b'e', 0)].concat())
 }
 
 /// The map of a square room, driven round twice by a laser of few beams.

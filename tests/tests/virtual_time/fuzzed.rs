@@ -4,7 +4,8 @@ use std::time::{Duration, Instant};
 
 use lrfslam_host::mapping::high::HighConfigs;
 use lrfslam_host::mapping::saved_map::{FILE_NAME, SavedMap, SavedMapError};
-use lrfslam_tests::entries::{ENTRIES, map_file_of};
+use lrfslam_host::scans::recording::RecordingReader;
+use lrfslam_tests::entries::{ENTRIES, map_file_of, with_checks};
 use lrfslam_tests::laser_scripts::play;
 use lrfslam_tests::samples::samples;
 
@@ -90,6 +91,24 @@ fn spoiled_samples_of_everything_that_comes_in_are_survived() {
 #[test]
 fn samples_of_lasers_come_to_scans() {
     samples("drivers").iter().for_each(|script| assert!(play(script) >= 3, "laser {}", script[0]));
+}
+
+/// Spoiled recordings would all be mended or left out if their checks were not made right.
+#[test]
+fn checks_of_spoiled_recordings_are_right() {
+    let [recording, _] = samples("recordings").try_into().expect("one with checks, and one of old");
+    assert_eq!(with_checks(&recording), recording);
+    let mut spoiled = recording.clone();
+    let sent = recording.windows(3).position(|bytes| bytes == [0x51, 0x54, 0x0A]).expect("what was sent");
+    spoiled[sent..sent + 2].iter_mut().for_each(|byte| *byte ^= 1);
+    let told = |bytes: &[u8]| {
+        let mut reader = RecordingReader::new(bytes).unwrap_or_else(|error| panic!("{error}"));
+        let entries: Vec<_> = reader.by_ref().map(|entry| format!("{entry:?}")).collect();
+        (entries, format!("{:?}", reader.end()))
+    };
+    assert_ne!(told(&spoiled).1, told(&recording).1);
+    assert_eq!(told(&with_checks(&spoiled)).1, told(&recording).1);
+    assert_ne!(told(&with_checks(&spoiled)).0, told(&recording).0);
 }
 
 /// Spoiled maps would all be refused at once if the file that is made of them were not of this version.
