@@ -6,8 +6,8 @@
 use super::LaserOdometry;
 use super::course::Forecast;
 use super::reference::Taken;
-use crate::geometry::Point2;
-use crate::matcher::{Match, Prediction, PriorSpread, RecoveryConfig};
+use crate::geometry::{Point2, Pose2};
+use crate::matcher::{Match, MatcherConfig, Prediction, PriorSpread, RecoveryConfig};
 
 /// A place found by a wider search is believed if its score per point is at least this share of the usual one, and a place on new ground if that of the
 /// known part is: chosen …
@@ -23,6 +23,15 @@ const RETURN_SHARE: f32 = 0.8;
 /// So is one where the robot has turned by more than this against what was expected, rad, farther where scans are slow. Chosen: robots that turn
 /// faster at five scans a second are rare, and rooms look alike from another side.
 const TURN_MAX_RAD: f32 = 0.8;
+
+/// A scan that fits best where the robot is expected, of all places of the wider search, is believed if its score per point is at least this share of the
+/// usual one: out of doors and in halls one scan sees much less of the reference than the one before. Chosen; robots that are put down elsewhere
+/// reach it there once in a hundred times.
+const EXPECTED_SHARE: f32 = 0.3;
+/// Two searches have found the same place if these are nearer than this, m …
+const SAME_M: f32 = 0.15;
+/// … and this, rad. Both chosen.
+const SAME_RAD: f32 = 0.07;
 
 /// Where the current scan was found.
 pub(super) struct Found {
@@ -77,7 +86,19 @@ impl LaserOdometry<'_> {
         if is_found && wide.score > FOUND_BETTER * matched.score {
             return Found { matched: wide, fits: self.fits(&wide, expected.eye, count) };
         }
+        let fits = self.is_where_expected(predicted.between(matched.map_from_robot), forecast)
+            && is_same(&matched, &wide)
+            && matched.score_per_point >= EXPECTED_SHARE * self.score_per_point;
         Found { matched, fits }
+    }
+
+    /// True if a step from where the robot is expected is no farther than it usually is off, and that place is known.
+    fn is_where_expected(&self, off: Pose2, forecast: &Forecast) -> bool {
+        let MatcherConfig { prior_position_m, prior_heading_deg, .. } = self.config.matcher;
+        let position = off.position().norm() / (forecast.prior.position * prior_position_m);
+        let heading = off.heading / (forecast.prior.heading * prior_heading_deg.to_radians());
+        // After a lost scan, or a while without sight, nobody knows.
+        self.lost_scans == 0 && !self.doubts && position * position + heading * heading <= 1.0
     }
 
     /// True if the first `count` points fit where they are matched: as well as usual about, or what is known of does, and the rest is new.
@@ -105,4 +126,9 @@ impl LaserOdometry<'_> {
         let share = if self.doubts && lost_share > 0.0 { lost_share.max(RETURN_SHARE) } else { lost_share };
         share * self.score_per_point
     }
+}
+
+fn is_same(a: &Match, b: &Match) -> bool {
+    let apart = a.map_from_robot.between(b.map_from_robot);
+    apart.position().norm() <= SAME_M && apart.heading.abs() <= SAME_RAD
 }
