@@ -28,6 +28,9 @@ const TURN_MAX_RAD: f32 = 0.8;
 /// usual one: out of doors and in halls one scan sees much less of the reference than the one before. Chosen; robots that are put down elsewhere
 /// reach it there once in a hundred times.
 const EXPECTED_SHARE: f32 = 0.3;
+/// That is for scans so far apart that the box is so many times as large, half a second: who is not believed then has gone on by the next one. With scans
+/// close together that one is waited for. Chosen.
+const FAR_SPREAD: f32 = 1.4;
 /// Two searches have found the same place if these are nearer than this, m …
 const SAME_M: f32 = 0.15;
 /// … and this, rad. Both chosen.
@@ -86,7 +89,8 @@ impl LaserOdometry<'_> {
         if is_found && wide.score > FOUND_BETTER * matched.score {
             return Found { matched: wide, fits: self.fits(&wide, expected.eye, count) };
         }
-        let fits = self.is_where_expected(predicted.between(matched.map_from_robot), forecast)
+        let fits = forecast.spread >= FAR_SPREAD
+            && self.is_where_expected(predicted.between(matched.map_from_robot), forecast)
             && is_same(&matched, &wide)
             && matched.score_per_point >= EXPECTED_SHARE * self.score_per_point;
         Found { matched, fits }
