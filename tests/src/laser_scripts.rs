@@ -107,7 +107,7 @@ pub fn play(script: &[u8]) -> usize {
             10..=TELEGRAM => {
                 player.give([Input::Disconnected, Input::Connected, Input::Stop][usize::from(step - 10)]);
             }
-            ..=BYTES => {
+            13..=BYTES => {
                 let mut memory = [0; 128];
                 let length = telegram::emit(Direction::ToHost, take(step - TELEGRAM), &mut memory).unwrap_or(0);
                 player.give(Input::Bytes(&memory[..length]));
@@ -168,7 +168,8 @@ pub fn overheard(which: u8, scans: usize) -> Vec<u8> {
             return call.script;
         }
         call.wait(due);
-        match call.on_way.pop_front_if(|(at, _)| *at <= call.now) {
+        let has_come = call.on_way.front().is_some_and(|(at, _)| *at <= call.now);
+        match has_come.then(|| call.on_way.pop_front()).flatten() {
             Some((_, bytes)) => {
                 for bytes in bytes.chunks(usize::from(u8::MAX - BYTES)) {
                     call.script.push(BYTES + bytes.len() as u8);

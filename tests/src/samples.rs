@@ -99,11 +99,7 @@ pub fn samples(entry: &str) -> Vec<Vec<u8>> {
             let locked = [&[64][..], &[66; 49], &[67; 60]].map(framed).concat();
             vec![conversation(&golden_messages("from robot: ")), locked]
         }
-        "recordings" => {
-            let old = std::fs::read(golden("LRFREC01.lrfrec")).expect("a golden file");
-            let records = RECORDING_OPENING + usize::from(old[RECORDING_OPENING - 4]);
-            vec![checked(&old, &old[records..]), old]
-        }
+        "recordings" => recordings().to_vec(),
         "maps" => vec![map_file(), content_of_map(&map_file())],
         "journals" => {
             let mut journal = format!("LRFROB{VERSION:02}").into_bytes();
@@ -125,6 +121,13 @@ pub fn samples(entry: &str) -> Vec<Vec<u8>> {
         "images" => vec![b"P5\n# ours\n3 2\n255\n\x00\xfe\xcd\xfe\xfe\xfe".to_vec()],
         _ => vec![text("1 2 3 0 0 0 0 1\n2 2 3 0 0 0 0 1\n"), text("1 2 3 4\n")],
     }
+}
+
+/// One with checks, and one of old, without.
+fn recordings() -> [Vec<u8>; 2] {
+    let old = std::fs::read(golden("LRFREC01.lrfrec")).expect("a golden file");
+    let records = RECORDING_OPENING + usize::from(old[RECORDING_OPENING - 4]);
+    [checked(&old, &old[records..]), old]
 }
 
 /// A recording that goes on with `records`, with checks.
