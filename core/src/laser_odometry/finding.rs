@@ -25,8 +25,8 @@ const RETURN_SHARE: f32 = 0.8;
 const TURN_MAX_RAD: f32 = 0.8;
 
 /// A scan that fits best where the robot is expected, of all places of the wider search, is believed if its score per point is at least this share of the
-/// usual one: out of doors and in halls one scan sees much less of the reference than the one before. Chosen; robots that are put down elsewhere
-/// reach it there once in a hundred times.
+/// usual one: out of doors and in halls one scan sees much less of the reference than the one before. Chosen; a robot that is put down elsewhere
+/// hardly ever reaches it there.
 const EXPECTED_SHARE: f32 = 0.3;
 /// That is for scans so far apart that the box is so many times as large, half a second: who is not believed then has gone on by the next one. With scans
 /// close together that one is waited for. Chosen.
