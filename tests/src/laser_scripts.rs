@@ -14,8 +14,9 @@ use lrfslam_firmware_sim::virtual_lrf::rplidar::{RplidarModel, VirtualRplidar};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
 use lrfslam_lrf::driver::{BaudPolicy, Event, Input, LrfDriver, Output, run_input};
 use lrfslam_lrf::hokuyo_scip::{self, HokuyoConfig, HokuyoDriver};
-use lrfslam_lrf::ldrobot::LdrobotDriver;
-use lrfslam_lrf::rplidar::{self, RplidarConfig, RplidarDriver};
+use lrfslam_lrf::ldrobot::{self, LdrobotDriver};
+use lrfslam_lrf::rplidar::response::{Descriptor, ResponseKind};
+use lrfslam_lrf::rplidar::{self, Capsule, RplidarConfig, RplidarDriver};
 use lrfslam_lrf::sick_lms::telegram::{self, Direction};
 use lrfslam_lrf::sick_lms::{self, SickConfig, SickDriver};
 
@@ -36,8 +37,8 @@ pub const HELP: [&[u8]; 9] = [
 
 /// The deadline is reached.
 const TIMEOUT: u8 = 9;
-/// From this one on it is so many bytes as a SICK's telegram, with a right check sum.
-const TELEGRAM: u8 = 12;
+/// From this one on it is so many bytes as the laser's, with a right check sum.
+const SUMMED: u8 = 12;
 /// From this one on it is so many bytes as they are, and a millisecond.
 const BYTES: u8 = 76;
 
@@ -66,9 +67,18 @@ impl Memory {
         }
     }
 
+    /// Beams that the driver of a script with the first byte `which` may use: of those that spin there may be too few for a turn.
+    fn beams(which: u8) -> usize {
+        match which & 3 {
+            HOKUYO | SICK => hokuyo_scip::driver::BEAM_MEMORY,
+            _ if which & 8 == 0 => rplidar::driver::BEAM_MEMORY,
+            _ => 500,
+        }
+    }
+
     /// The driver that the first byte of a script says.
     fn driver(&mut self, which: u8) -> Box<dyn LrfDriver + '_> {
-        let Self { bytes, beams } = self;
+        let (bytes, beams) = (&mut self.bytes[..], &mut self.beams[..Self::beams(which)]);
         let baud = if which & 4 == 0 { BaudPolicy::Keep } else { BaudPolicy::Raise(115_200) };
         match which & 3 {
             HOKUYO => Box::new(HokuyoDriver::new(HokuyoConfig { baud, ..HokuyoConfig::default() }, bytes, beams)),
@@ -82,15 +92,57 @@ impl Memory {
     }
 }
 
+/// What the laser of `which` would send with a right sum: a telegram of `payload`, a packet, or the answer or capsule that its first byte says.
+fn summed(which: u8, payload: &[u8]) -> Vec<u8> {
+    match which & 3 {
+        RPLIDAR => rplidar_answer(payload.first().copied().unwrap_or(0)),
+        LDROBOT => {
+            let head = [0x54, 0x2C].iter().chain(payload).copied();
+            let mut packet: Vec<u8> = head.chain(std::iter::repeat(0)).take(ldrobot::packet::PACKET - 1).collect();
+            packet.push(ldrobot::packet::crc(&packet));
+            packet
+        }
+        _ => {
+            let mut memory = [0; 128];
+            let length = telegram::emit(Direction::ToHost, payload, &mut memory).unwrap_or(0);
+            memory[..length].to_vec()
+        }
+    }
+}
+
+/// Answers and capsules, at angles of the input's choice.
+fn rplidar_answer(what: u8) -> Vec<u8> {
+    let kinds = [
+        ResponseKind::Info,
+        ResponseKind::Health,
+        ResponseKind::Capsule,
+        ResponseKind::DenseCapsule,
+        ResponseKind::Sample,
+    ];
+    let Some(&kind) = kinds.get(usize::from(what)) else {
+        let number = u16::from(what);
+        let capsule = Capsule::build(what & 1 == 0, what == 5, f32::from(what) * 1.4, &[number * 9; 40]);
+        return capsule.bytes().to_vec();
+    };
+    let mut bytes = Descriptor { kind }.emit().to_vec();
+    bytes.resize(7 + if kind.repeats() { 0 } else { kind.length() }, 0);
+    bytes
+}
+
 /// Plays a script; returns how many scans came of it.
 ///
 /// # Panics
-/// If bytes are not taken, or a scan is no scan.
+/// If bytes are not taken, outputs do not end, or a scan has more beams than fit or is none.
 pub fn play(script: &[u8]) -> usize {
     let Some((which, mut rest)) = script.split_first() else { return 0 };
     let mut memory = Memory::new();
-    let mut player =
-        Player { driver: memory.driver(*which), now: Instant::default(), due: Instant::default(), scans: 0 };
+    let mut player = Player {
+        driver: memory.driver(*which),
+        now: Instant::default(),
+        due: Instant::default(),
+        scans: 0,
+        beams_max: Memory::beams(*which),
+    };
     player.give(Input::Connected);
     while let Some((step, after)) = rest.split_first() {
         let mut take = |count: u8| {
@@ -101,16 +153,14 @@ pub fn play(script: &[u8]) -> usize {
         match *step {
             0..TIMEOUT => player.give(Input::Bytes(HELP[usize::from(*step)])),
             TIMEOUT => {
-                player.now = player.now.max(player.due.min(player.now + Duration::from_millis(60_000)));
+                player.now = player.due.min(player.now + Duration::from_millis(60_000));
                 player.give(Input::Timeout);
             }
-            10..=TELEGRAM => {
+            10..=SUMMED => {
                 player.give([Input::Disconnected, Input::Connected, Input::Stop][usize::from(step - 10)]);
             }
             13..=BYTES => {
-                let mut memory = [0; 128];
-                let length = telegram::emit(Direction::ToHost, take(step - TELEGRAM), &mut memory).unwrap_or(0);
-                player.give(Input::Bytes(&memory[..length]));
+                player.give(Input::Bytes(&summed(*which, take(step - SUMMED))));
                 continue;
             }
             _ => {
@@ -129,23 +179,47 @@ struct Player<'d> {
     now: Instant,
     due: Instant,
     scans: usize,
+    beams_max: usize,
 }
 
 impl Player<'_> {
     fn give(&mut self, input: Input<'_>) {
-        let (mut outputs, scans) = (0, &mut self.scans);
-        let mut sink = |output: Output<'_>| {
-            outputs += 1;
-            assert!(outputs < 10_000, "outputs without end");
-            let Output::Event(Event::Scan(scan)) = output else { return };
-            *scans += 1;
-            let is_whole = |beam: &Beam| {
-                beam.bearing_rad.is_finite() && !matches!(beam.echo, Echo::Hit(range_m) if !range_m.is_finite())
-            };
-            assert!(scan.beams.iter().all(is_whole), "no scan");
+        let Input::Bytes(mut rest) = input else {
+            let _ = self.driver.handle_input(self.now, input);
+            return self.drain();
         };
-        self.due = run_input(self.driver.as_mut(), self.now, input, &mut sink);
+        for _ in 0..1000 {
+            let taken = self.driver.handle_input(self.now, Input::Bytes(rest));
+            rest = &rest[taken..];
+            self.drain();
+            if rest.is_empty() {
+                return;
+            }
+        }
+        panic!("bytes not taken");
     }
+
+    fn drain(&mut self) {
+        for _ in 0..64 {
+            match self.driver.poll_output() {
+                Output::Timeout(due) => {
+                    self.due = due.max(self.now);
+                    return;
+                }
+                Output::Event(Event::Scan(scan)) => {
+                    self.scans += 1;
+                    assert!(scan.beams.len() <= self.beams_max, "more beams than fit");
+                    assert!(scan.beams.iter().all(is_beam), "no scan");
+                }
+                _ => {}
+            }
+        }
+        panic!("outputs without end");
+    }
+}
+
+fn is_beam(beam: &Beam) -> bool {
+    beam.bearing_rad.abs() < 3.2 && !matches!(beam.echo, Echo::Hit(range_m) if !range_m.is_finite())
 }
 
 /// A conversation of laser `which`, one of [`LASERS`], with its driver as a script: until so many scans have come, from a laser that is on already.
