@@ -270,18 +270,18 @@ impl<'m> LaserOdometry<'m> {
         if first {
             (self.scans, self.score_per_point, self.doubts) = (0, SCORE_FIRST, false);
         }
-        let Found { matched, fits } = self.find(&Taken::new(scan, robot_from_lrf, predicted), (count, hits), &forecast);
+        let Found { matched, fits, leaps } =
+            self.find(&Taken::new(scan, robot_from_lrf, predicted), (count, hits), &forecast);
         let is_lost = !first && !fits;
         self.doubts &= is_lost;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
         let map_from_robot = if first { self.map_from_robot } else { self.believed(&matched, is_lost, displacement) };
         let is_trusted = !is_lost || self.lost_scans > PATIENCE_SCANS;
-        let is_settling = self.scans < SETTLING_SCANS;
+        let is_key = self.scans < SETTLING_SCANS || (is_trusted && self.is_key(map_from_robot));
         self.scans = self.scans.saturating_add(1);
-        let is_key = is_settling || (is_trusted && self.is_key(map_from_robot));
         let taken = || Taken::new(scan, robot_from_lrf, map_from_robot);
         let inserted = if is_key { self.extend(taken(), (count, hits)) } else { InsertReport::default() };
-        self.go_on(map_from_robot, &forecast, &matched, is_lost);
+        self.go_on(map_from_robot, &forecast, &matched, is_lost || leaps);
         self.pass(scan.stamp);
         self.seen_at = self.last_stamp;
         if !first && is_trusted {
@@ -317,10 +317,10 @@ impl<'m> LaserOdometry<'m> {
         told.map_or(matched.map_from_robot, |step| self.map_from_robot * step)
     }
 
-    /// The robot is at `map_from_robot` now; what that says of its motion is learned.
-    fn go_on(&mut self, map_from_robot: Pose2, forecast: &Forecast, matched: &Match, is_lost: bool) {
+    /// The robot is at `map_from_robot` now; what that says of its motion is learned, unless it was not driven there.
+    fn go_on(&mut self, map_from_robot: Pose2, forecast: &Forecast, matched: &Match, was_put: bool) {
         let step = self.map_from_robot.between(map_from_robot);
-        if is_lost {
+        if was_put {
             self.course.rest();
         } else {
             self.course.advance(forecast, step, matched);

@@ -8,6 +8,7 @@ use super::course::Forecast;
 use super::reference::Taken;
 use crate::geometry::{Point2, Pose2};
 use crate::matcher::{Match, MatcherConfig, Prediction, PriorSpread, RecoveryConfig};
+use crate::math::hypot;
 
 /// A place found by a wider search is believed if its score per point is at least this share of the usual one, and a place on new ground if that of the
 /// known part is: chosen …
@@ -31,6 +32,17 @@ const EXPECTED_SHARE: f32 = 0.3;
 /// That is for scans so far apart that the box is so many times as large, half a second: who is not believed then has gone on by the next one. With scans
 /// close together that one is waited for. Chosen.
 const FAR_SPREAD: f32 = 1.4;
+/// A scan that fits elsewhere than expected has to reach so much more of the usual score for each deviation of the forecast, up to [`RETURN_SHARE`]:
+/// chosen. Robots that drive move farther and fit well, or fit badly and move as expected; who fits badly elsewhere has been carried off. Only with scans
+/// nearer to each other than [`FAR_SPREAD`] says: slower ones see so much that is new that they do both.
+const ELSEWHERE_SHARE: f32 = 0.1;
+/// A turn counts this much of its deviations there: robots turn at once, but do not leap. Chosen.
+const TURN_WEIGHT: f32 = 0.5;
+/// A place so many deviations of the forecast away was not reached by driving, but by a push or a wrong match. Chosen: with scans 0.2 s apart no robot
+/// is faster by 2 m/s than the last one said.
+const LEAP: f32 = 3.0;
+/// Standard error of a share of the usual score, of a single point: the most that one between 0 and 1 can have.
+const SHARE_ERROR: f32 = 0.5;
 /// Two searches have found the same place if these are nearer than this, m …
 const SAME_M: f32 = 0.15;
 /// … and this, rad. Both chosen.
@@ -41,6 +53,8 @@ pub(super) struct Found {
     pub(super) matched: Match,
     /// False if it agrees too little with the reference to be believed.
     pub(super) fits: bool,
+    /// True if it is so far from where the scan was expected that the robot has not driven there: that is no speed.
+    pub(super) leaps: bool,
 }
 
 impl LaserOdometry<'_> {
@@ -55,7 +69,18 @@ impl LaserOdometry<'_> {
     /// * `expected` — the scan, at the place where the robot is expected
     pub(super) fn find(&mut self, expected: &Taken, (points, hits): (usize, usize), forecast: &Forecast) -> Found {
         let walking = self.part_walking(expected, (points, hits));
-        let found = self.find_points((points, walking), expected, forecast);
+        let mut found = self.find_points((points, walking), expected, forecast);
+        let [position, heading] =
+            self.departure(expected.map_from_robot.between(found.matched.map_from_robot), forecast);
+        let departure = hypot(position, TURN_WEIGHT * heading);
+        found.leaps = position > LEAP && forecast.spread < FAR_SPREAD;
+        if found.fits
+            && departure > 1.0
+            && forecast.spread < FAR_SPREAD
+            && self.is_carried_off(&found.matched, departure, points)
+        {
+            (found.fits, self.doubts) = (false, true);
+        }
         if walking > 0 {
             self.put_in_order(hits);
         }
@@ -77,7 +102,7 @@ impl LaserOdometry<'_> {
         let fits = self.fits(&matched, expected.eye, count);
         // What is left beside somebody who stands against the laser fits in too many places.
         if fits || (self.doubts && self.is_told) || self.sight.is_half_covered {
-            return Found { matched, fits };
+            return Found { matched, fits, leaps: false };
         }
         let wider = FOUND_SPREAD * forecast.spread;
         let prediction = Prediction { prior: PriorSpread { position: wider, heading: wider }, ..prediction };
@@ -87,22 +112,40 @@ impl LaserOdometry<'_> {
         let share = if turned > forecast.spread * TURN_MAX_RAD { RETURN_SHARE } else { FOUND_SHARE };
         let is_found = wide.score_per_point >= share * self.score_per_point;
         if is_found && wide.score > FOUND_BETTER * matched.score {
-            return Found { matched: wide, fits: self.fits(&wide, expected.eye, count) };
+            return Found { matched: wide, fits: self.fits(&wide, expected.eye, count), leaps: false };
         }
         let fits = forecast.spread >= FAR_SPREAD
             && self.is_where_expected(predicted.between(matched.map_from_robot), forecast)
             && is_same(&matched, &wide)
             && matched.score_per_point >= EXPECTED_SHARE * self.score_per_point;
-        Found { matched, fits }
+        Found { matched, fits, leaps: false }
     }
 
     /// True if a step from where the robot is expected is no farther than it usually is off, and that place is known.
     fn is_where_expected(&self, off: Pose2, forecast: &Forecast) -> bool {
-        let MatcherConfig { prior_position_m, prior_heading_deg, .. } = self.config.matcher;
-        let position = off.position().norm() / (forecast.prior.position * prior_position_m);
-        let heading = off.heading / (forecast.prior.heading * prior_heading_deg.to_radians());
+        let [position, heading] = self.deviations(off, &forecast.prior);
         // After a lost scan, or a while without sight, nobody knows.
-        self.lost_scans == 0 && !self.doubts && position * position + heading * heading <= 1.0
+        self.lost_scans == 0 && !self.doubts && hypot(position, heading) <= 1.0
+    }
+
+    /// True if a scan that fits does so too badly for departing so far from what was expected: from there on the robot may be anywhere.
+    fn is_carried_off(&self, matched: &Match, departure: f32, points: usize) -> bool {
+        let RecoveryConfig { lost_share, .. } = self.config.recovery;
+        let share = matched.score_per_point / self.score_per_point;
+        let by_chance = SHARE_ERROR / libm::sqrtf(points as f32);
+        let wanted = (lost_share + ELSEWHERE_SHARE * departure).min(RETURN_SHARE) - by_chance;
+        lost_share > 0.0 && !self.doubts && share >= lost_share && share < wanted
+    }
+
+    /// How far a step from where the robot is expected goes and turns, in deviations of a forecast without odometry.
+    fn departure(&self, off: Pose2, forecast: &Forecast) -> [f32; 2] {
+        self.deviations(off, &PriorSpread { position: forecast.spread, heading: forecast.spread })
+    }
+
+    fn deviations(&self, off: Pose2, prior: &PriorSpread) -> [f32; 2] {
+        let MatcherConfig { prior_position_m, prior_heading_deg, .. } = self.config.matcher;
+        let position = off.position().norm() / (prior.position * prior_position_m);
+        [position, off.heading.abs() / (prior.heading * prior_heading_deg.to_radians())]
     }
 
     /// True if the first `count` points fit where they are matched: as well as usual about, or what is known of does, and the rest is new.
@@ -136,3 +179,6 @@ fn is_same(a: &Match, b: &Match) -> bool {
     let apart = a.map_from_robot.between(b.map_from_robot);
     apart.position().norm() <= SAME_M && apart.heading.abs() <= SAME_RAD
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,103 @@
+use super::*;
+use crate::laser_odometry::tests::{Memory, circle, drive};
+use crate::laser_odometry::{LaserOdometryConfig, OdometryReport};
+use crate::math::uniform;
+use crate::scan::{Beam, Echo, RangeScan};
+use crate::test_world::World;
+use crate::time::Instant;
+use rand_core::SeedableRng;
+use rand_pcg::Pcg32;
+
+#[test]
+fn a_robot_pushed_aside_finds_itself_again_and_is_not_taken_to_go_on_so() {
+    for turned in [0.0, 0.3, 0.6, 1.2] {
+        let mut memory = Memory::new(2000);
+        let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+        let pushed = Pose2::new(-1.2, 0.8, turned);
+        let path = (0..=120).map(circle).chain((0..5).map(|_| pushed));
+        let (_, reports) = drive(&mut odometry, path, Pose2::IDENTITY, 2);
+        for (scan, report) in reports[reports.len() - 3..].iter().enumerate() {
+            let error = pushed.between(report.matched.map_from_robot);
+            let is_there = error.position().norm() < 0.05 && error.heading.abs() < 0.02;
+            assert!(is_there && !report.is_lost, "turned by {turned}, {scan}: {error:?}");
+        }
+    }
+}
+
+/// A scan from `aside` times 1.4 m beside where the robot would have turned by `turned`, of which every so many-th beam fits nowhere. Returns whether it is
+/// believed.
+fn believes(aside: f32, turned: f32, every: usize) -> bool {
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let (from, _) = drive(&mut odometry, (0..=120).map(circle), Pose2::IDENTITY, 2);
+    let there = from * Pose2::new(-1.2 * aside, 0.8 * aside, turned);
+    let mut beams = World::room().scan(there, 8.0, 0.01, &mut Pcg32::seed_from_u64(3));
+    for (index, beam) in beams.iter_mut().enumerate().filter(|(index, _)| index % every == 0) {
+        beam.echo = Echo::Hit(0.5 + 0.04 * (index % 17) as f32);
+    }
+    let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+    let report = odometry.step(&scan, Pose2::IDENTITY, None).unwrap();
+    let found = there.between(report.matched.map_from_robot);
+    !report.is_lost && found.position().norm() < 0.2 && found.heading.abs() < 0.1
+}
+
+#[test]
+fn a_place_from_another_side_and_one_farther_off_must_fit_better() {
+    assert!(believes(0.1, 0.6, 5), "seven tenths of the usual score");
+    assert!(!believes(0.1, 1.2, 5), "a robot does not turn so from scan to scan");
+    assert!(!believes(1.0, 0.6, 5), "nor drive so");
+    assert!(believes(1.0, 0.6, 15), "unless nearly all fits");
+    assert!(!believes(1.0, 1.2, 5) && believes(1.0, 1.2, 15), "nor both");
+}
+
+#[test]
+fn a_robot_carried_into_a_room_like_the_last_one_is_lost() {
+    let other = World::polyline(&[(-3.0, -2.0), (4.5, -2.0), (4.5, 3.6), (-3.0, 3.6), (-3.0, -2.0)]);
+    for (turned, seed) in [0.0, 0.1, 0.2, 0.3].into_iter().zip(1..) {
+        let mut memory = Memory::new(2000);
+        let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+        odometry.leave_returns();
+        let (from, _) = drive(&mut odometry, (0..=120).map(circle), Pose2::IDENTITY, seed);
+        let there = from * Pose2::new(-1.2, 0.8, turned);
+        let mut rng = Pcg32::seed_from_u64(seed);
+        for scan in 0..10 {
+            let beams = other.scan(there, 8.0, 0.01, &mut rng);
+            let scan_there = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+            let report = odometry.step(&scan_there, Pose2::IDENTITY, None).unwrap();
+            assert!(report.is_lost, "turned by {turned}, scan {scan}");
+        }
+    }
+}
+
+/// The scan after a drive round the room, with scans so many seconds apart, in `world`, two of three beams of it on leaves before its walls. Returns what
+/// it did, and by how far it is off, m.
+fn among_leaves(world: &World, seconds: f32, seed: u64) -> (OdometryReport, f32) {
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let mut rng = Pcg32::seed_from_u64(seed);
+    let mut step = |scan: usize, beams: &[Beam]| {
+        let stamp = Instant::from_micros((1e6 * seconds) as i64 * scan as i64);
+        odometry.step(&RangeScan { stamp, range_max_m: 8.0, beams }, Pose2::IDENTITY, None).unwrap()
+    };
+    for scan in 0..=120 {
+        let beams = World::room().scan(circle(scan), 8.0, 0.01, &mut rng);
+        assert!(!step(scan, &beams).is_lost);
+    }
+    let mut beams = world.scan(circle(121), 8.0, 0.01, &mut rng);
+    for beam in beams.iter_mut().enumerate().filter(|(index, _)| index % 3 > 0).map(|(_, beam)| beam) {
+        let Echo::Hit(range_m) = beam.echo else { continue };
+        beam.echo = Echo::Hit(range_m * (0.4 + 0.5 * uniform(&mut rng)));
+    }
+    let report = step(121, &beams);
+    (report, circle(121).between(report.matched.map_from_robot).position().norm())
+}
+
+#[test]
+fn a_scan_that_fits_badly_where_it_is_expected_and_nowhere_better_is_believed() {
+    for seed in 1..=10 {
+        let (report, off_m) = among_leaves(&World::room(), 1.0, seed);
+        assert!(!report.is_lost && off_m < 0.05, "{seed}: {off_m} m");
+        assert!(among_leaves(&World::room(), 0.2, seed).0.is_lost, "{seed}: the next one soon comes");
+        assert!(among_leaves(&World::corridor(), 1.0, seed).0.is_lost, "{seed}: elsewhere it is not");
+    }
+}
