@@ -270,8 +270,8 @@ impl<'m> LaserOdometry<'m> {
         if first {
             (self.scans, self.score_per_point, self.doubts) = (0, SCORE_FIRST, false);
         }
-        let Found { matched, fits, leaps } =
-            self.find(&Taken::new(scan, robot_from_lrf, predicted), (count, hits), &forecast);
+        let found = self.find(&Taken::new(scan, robot_from_lrf, predicted), (count, hits), &forecast);
+        let Found { matched, fits, .. } = found;
         let is_lost = !first && !fits;
         self.doubts &= is_lost;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
@@ -281,7 +281,7 @@ impl<'m> LaserOdometry<'m> {
         self.scans = self.scans.saturating_add(1);
         let taken = || Taken::new(scan, robot_from_lrf, map_from_robot);
         let inserted = if is_key { self.extend(taken(), (count, hits)) } else { InsertReport::default() };
-        self.go_on(map_from_robot, &forecast, &matched, is_lost || leaps);
+        self.go_on(map_from_robot, &forecast, &found, is_lost);
         self.pass(scan.stamp);
         self.seen_at = self.last_stamp;
         if !first && is_trusted {
@@ -317,13 +317,14 @@ impl<'m> LaserOdometry<'m> {
         told.map_or(matched.map_from_robot, |step| self.map_from_robot * step)
     }
 
-    /// The robot is at `map_from_robot` now; what that says of its motion is learned, unless it was not driven there.
-    fn go_on(&mut self, map_from_robot: Pose2, forecast: &Forecast, matched: &Match, was_put: bool) {
+    /// The robot is at `map_from_robot` now; what that says of its motion is learned, and its speed if it was driven there.
+    fn go_on(&mut self, map_from_robot: Pose2, forecast: &Forecast, found: &Found, is_lost: bool) {
         let step = self.map_from_robot.between(map_from_robot);
-        if was_put {
+        if !is_lost {
+            self.course.advance(forecast, step, &found.matched);
+        }
+        if is_lost || found.leaps {
             self.course.rest();
-        } else {
-            self.course.advance(forecast, step, matched);
         }
         self.map_from_robot = map_from_robot;
     }

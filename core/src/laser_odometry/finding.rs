@@ -69,26 +69,27 @@ impl LaserOdometry<'_> {
     /// * `expected` — the scan, at the place where the robot is expected
     pub(super) fn find(&mut self, expected: &Taken, (points, hits): (usize, usize), forecast: &Forecast) -> Found {
         let walking = self.part_walking(expected, (points, hits));
-        let mut found = self.find_points((points, walking), expected, forecast);
-        let [position, heading] =
-            self.departure(expected.map_from_robot.between(found.matched.map_from_robot), forecast);
-        let departure = hypot(position, TURN_WEIGHT * heading);
-        found.leaps = position > LEAP && forecast.spread < FAR_SPREAD;
-        if found.fits
-            && departure > 1.0
-            && forecast.spread < FAR_SPREAD
-            && self.is_carried_off(&found.matched, departure, points)
-        {
-            (found.fits, self.doubts) = (false, true);
-        }
+        let (matched, fits) = self.find_points((points, walking), expected, forecast);
+        let [position, heading] = self.departure(expected.map_from_robot.between(matched.map_from_robot), forecast);
+        let is_soon = forecast.spread < FAR_SPREAD;
+        let is_carried_off =
+            fits && is_soon && self.is_carried_off(&matched, hypot(position, TURN_WEIGHT * heading), points);
+        self.doubts |= is_carried_off;
         if walking > 0 {
             self.put_in_order(hits);
         }
-        found
+        Found { matched, fits: fits && !is_carried_off, leaps: is_soon && position > LEAP }
     }
 
+    /// The match, and true if it fits.
+    ///
     /// * `walking` — the last so many points are of what may walk
-    fn find_points(&mut self, (count, walking): (usize, usize), expected: &Taken, forecast: &Forecast) -> Found {
+    fn find_points(
+        &mut self,
+        (count, walking): (usize, usize),
+        expected: &Taken,
+        forecast: &Forecast,
+    ) -> (Match, bool) {
         let predicted = expected.map_from_robot;
         let prediction = Prediction {
             map_from_robot: predicted,
@@ -102,7 +103,7 @@ impl LaserOdometry<'_> {
         let fits = self.fits(&matched, expected.eye, count);
         // What is left beside somebody who stands against the laser fits in too many places.
         if fits || (self.doubts && self.is_told) || self.sight.is_half_covered {
-            return Found { matched, fits, leaps: false };
+            return (matched, fits);
         }
         let wider = FOUND_SPREAD * forecast.spread;
         let prediction = Prediction { prior: PriorSpread { position: wider, heading: wider }, ..prediction };
@@ -112,13 +113,13 @@ impl LaserOdometry<'_> {
         let share = if turned > forecast.spread * TURN_MAX_RAD { RETURN_SHARE } else { FOUND_SHARE };
         let is_found = wide.score_per_point >= share * self.score_per_point;
         if is_found && wide.score > FOUND_BETTER * matched.score {
-            return Found { matched: wide, fits: self.fits(&wide, expected.eye, count), leaps: false };
+            return (wide, self.fits(&wide, expected.eye, count));
         }
         let fits = forecast.spread >= FAR_SPREAD
             && self.is_where_expected(predicted.between(matched.map_from_robot), forecast)
             && is_same(&matched, &wide)
             && matched.score_per_point >= EXPECTED_SHARE * self.score_per_point;
-        Found { matched, fits, leaps: false }
+        (matched, fits)
     }
 
     /// True if a step from where the robot is expected is no farther than it usually is off, and that place is known.
@@ -134,14 +135,17 @@ impl LaserOdometry<'_> {
         let share = matched.score_per_point / self.score_per_point;
         let by_chance = SHARE_ERROR / libm::sqrtf(points as f32);
         let wanted = (lost_share + ELSEWHERE_SHARE * departure).min(RETURN_SHARE) - by_chance;
-        lost_share > 0.0 && !self.doubts && share >= lost_share && share < wanted
+        lost_share > 0.0 && !self.doubts && departure > 1.0 && share >= lost_share && share < wanted
     }
 
-    /// How far a step from where the robot is expected goes and turns, in deviations of a forecast without odometry.
+    /// How far a step from where the robot is expected goes and turns, in deviations of a forecast without odometry. 0 where the matcher has no
+    /// prior: nobody says what is far then.
     fn departure(&self, off: Pose2, forecast: &Forecast) -> [f32; 2] {
-        self.deviations(off, &PriorSpread { position: forecast.spread, heading: forecast.spread })
+        let usual = PriorSpread { position: forecast.spread, heading: forecast.spread };
+        self.deviations(off, &usual).map(|deviations| if deviations.is_finite() { deviations } else { 0.0 })
     }
 
+    /// A step in deviations of `prior`: how far it goes, and how far it turns; not finite without a prior.
     fn deviations(&self, off: Pose2, prior: &PriorSpread) -> [f32; 2] {
         let MatcherConfig { prior_position_m, prior_heading_deg, .. } = self.config.matcher;
         let position = off.position().norm() / (prior.position * prior_position_m);

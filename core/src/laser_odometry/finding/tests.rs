@@ -24,6 +24,18 @@ fn a_robot_pushed_aside_finds_itself_again_and_is_not_taken_to_go_on_so() {
     }
 }
 
+#[test]
+fn without_a_prior_nothing_is_a_leap() {
+    let mut config = LaserOdometryConfig::default();
+    (config.matcher.prior_position_m, config.matcher.prior_heading_deg) = (0.0, 0.0);
+    let mut memory = Memory::new(2000);
+    let (_, reports) = drive(&mut memory.odometry(&config), (0..=60).map(circle), Pose2::IDENTITY, 2);
+    for (step, report) in reports.iter().enumerate().skip(20) {
+        let off_m = circle(step).between(report.predicted).position().norm();
+        assert!(!report.is_lost && off_m < 0.03, "{step}: expected {off_m} m off, as if it stood");
+    }
+}
+
 /// A scan from `aside` times 1.4 m beside where the robot would have turned by `turned`, of which every so many-th beam fits nowhere. Returns whether it is
 /// believed.
 fn believes(aside: f32, turned: f32, every: usize) -> bool {
