@@ -320,11 +320,10 @@ impl<'m> LaserOdometry<'m> {
     /// The robot is at `map_from_robot` now; what that says of its motion is learned, and its speed if it was driven there.
     fn go_on(&mut self, map_from_robot: Pose2, forecast: &Forecast, found: &Found, is_lost: bool) {
         let step = self.map_from_robot.between(map_from_robot);
-        if !is_lost {
-            self.course.advance(forecast, step, &found.matched);
-        }
-        if is_lost || found.leaps {
-            self.course.rest();
+        match (is_lost, found.leaps) {
+            (true, _) => self.course.rest(),
+            (false, true) => self.course.leap(forecast, step, &found.matched),
+            (false, false) => self.course.advance(forecast, step, &found.matched),
         }
         self.map_from_robot = map_from_robot;
     }

@@ -157,8 +157,23 @@ impl Course {
 
     /// The robot has gone on by `step`, as `matched` says.
     pub(super) fn advance(&mut self, forecast: &Forecast, step: Pose2, matched: &Match) {
+        self.judge(forecast, step, matched);
         let driven = self.open_axis.driven(step, forecast.step);
         self.open_axis.advance(step, matched);
+        if step.heading.abs() > STEADY_RAD {
+            return self.rest();
+        }
+        self.step = driven;
+    }
+
+    /// The robot is `step` on, as `matched` says, but has not driven there: who forecast otherwise was wrong, and no speed is known.
+    pub(super) fn leap(&mut self, forecast: &Forecast, step: Pose2, matched: &Match) {
+        self.judge(forecast, step, matched);
+        self.rest();
+    }
+
+    /// Learns how far steady motion and odometry were off.
+    fn judge(&mut self, forecast: &Forecast, step: Pose2, matched: &Match) {
         if matched.constraint >= JUDGED_FROM {
             self.learned = (self.learned + 1.0).min(MEMORY);
             let share = 1.0 / self.learned;
@@ -167,10 +182,6 @@ impl Course {
                 self.odometry.learn(odometry, step, share);
             }
         }
-        if step.heading.abs() > STEADY_RAD {
-            return self.rest();
-        }
-        self.step = driven;
     }
 }
 
@@ -229,5 +240,17 @@ mod tests {
             assert!(course.trusted(Some(Pose2::IDENTITY)).is_none(), "case {index}");
             assert!((forecast.prior.position - 1.0).abs() < 1e-6, "the prior is as wide as without: case {index}");
         }
+    }
+
+    #[test]
+    fn odometry_that_was_wrong_about_a_leap_is_trusted_less() {
+        let (mut course, _) = told(|_, step| step);
+        let wrong = Some(Pose2::new(-0.25, 0.0, 0.0));
+        assert!(course.trusted(wrong).is_some());
+        for _ in 0..20 {
+            let forecast = course.forecast(course.step(), wrong, 1.0, USUAL);
+            course.leap(&forecast, Pose2::new(0.25, 0.0, 0.0), &sharp());
+        }
+        assert!(course.trusted(wrong).is_none() && course.step() == Pose2::IDENTITY);
     }
 }
