@@ -185,6 +185,8 @@ pub struct LaserOdometry<'m> {
     doubts: bool,
     /// Somebody else tells where it is then.
     is_told: bool,
+    /// A scan fits where the robot cannot have driven: until one fits where it can, or somebody else finds it, it is kept where it was.
+    is_held: bool,
 }
 
 impl<'m> LaserOdometry<'m> {
@@ -219,6 +221,7 @@ impl<'m> LaserOdometry<'m> {
             sight: Sight::default(),
             doubts: false,
             is_told: false,
+            is_held: false,
         })
     }
 
@@ -275,7 +278,8 @@ impl<'m> LaserOdometry<'m> {
         let is_lost = !first && !fits;
         self.doubts &= is_lost;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
-        let map_from_robot = if first { self.map_from_robot } else { self.believed(&matched, is_lost, displacement) };
+        let map_from_robot =
+            if first { self.map_from_robot } else { self.believed(&matched, predicted, (is_lost, displacement)) };
         let is_trusted = !is_lost || self.lost_scans > PATIENCE_SCANS;
         let is_key = self.scans < SETTLING_SCANS || (is_trusted && self.is_key(map_from_robot));
         self.scans = self.scans.saturating_add(1);
@@ -311,10 +315,11 @@ impl<'m> LaserOdometry<'m> {
         Ok((points.len(), hits))
     }
 
-    /// Where the robot is: where the scan fits, or where odometry that has agreed so far says if it fits nowhere.
-    fn believed(&self, matched: &Match, is_lost: bool, odometry: Option<Pose2>) -> Pose2 {
+    /// Where the robot is: where the scan fits, or where odometry that has agreed so far says if it fits nowhere, or nowhere it can have driven.
+    fn believed(&self, matched: &Match, predicted: Pose2, (is_lost, odometry): (bool, Option<Pose2>)) -> Pose2 {
         let told = self.course.trusted(odometry).filter(|_| is_lost);
-        told.map_or(matched.map_from_robot, |step| self.map_from_robot * step)
+        let best = if self.is_held { predicted } else { matched.map_from_robot };
+        told.map_or(best, |step| self.map_from_robot * step)
     }
 
     /// The robot is at `map_from_robot` now; what that says of its motion is learned, and its speed if it was driven there.
@@ -343,6 +348,7 @@ impl<'m> LaserOdometry<'m> {
         is_frozen: bool,
     ) -> OdometryReport {
         self.doubts |= self.seen_at.is_some_and(|seen| scan.stamp.since(seen) > GAP);
+        self.is_held = false;
         self.pass(scan.stamp);
         OdometryReport {
             matched: Match::none(self.map_from_robot),

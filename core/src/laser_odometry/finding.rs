@@ -6,6 +6,8 @@
 use super::LaserOdometry;
 use super::course::Forecast;
 use super::reference::Taken;
+#[cfg(feature = "witnesses")]
+use super::witnesses;
 use crate::geometry::{Point2, Pose2};
 use crate::matcher::{Match, MatcherConfig, Prediction, PriorSpread, RecoveryConfig};
 use crate::math::hypot;
@@ -32,10 +34,13 @@ const EXPECTED_SHARE: f32 = 0.3;
 /// That is for scans so far apart that the box is so many times as large, half a second: who is not believed then has gone on by the next one. With scans
 /// close together that one is waited for. Chosen.
 const FAR_SPREAD: f32 = 1.4;
-/// A scan that fits elsewhere than expected has to reach so much more of the usual score for each deviation of the forecast, up to [`RETURN_SHARE`]:
-/// chosen. Robots that drive move farther and fit well, or fit badly and move as expected; who fits badly elsewhere has been carried off. Only with scans
+/// A scan that fits elsewhere than expected has to reach so much more of the usual score for each deviation of the forecast, up to [`RETURN_SHARE`] where
+/// nobody else finds a robot that may be anywhere; who does finds one that has leapt, too: chosen. Robots that drive move farther and fit well, or fit badly and move as expected; who fits badly elsewhere has been carried off. Only with scans
 /// nearer to each other than [`FAR_SPREAD`] says: slower ones see so much that is new that they do both.
 const ELSEWHERE_SHARE: f32 = 0.1;
+/// So does one that looks through walls that stood a moment ago, by so many times the share of them that it looks through: people stand before walls, and
+/// nobody takes them away. Chosen; only below [`RETURN_SHARE`], as a door that is opened before the robot leaves all else as it was.
+const THROUGH_SHARE: f32 = 1.5;
 /// A turn counts this much of its deviations there: robots turn at once, but do not leap. Chosen.
 const TURN_WEIGHT: f32 = 0.5;
 /// A place so many deviations of the forecast away was not reached by driving, but by a push or a wrong match. Chosen: with scans 0.2 s apart no robot
@@ -72,13 +77,18 @@ impl LaserOdometry<'_> {
         let (matched, fits) = self.find_points((points, walking), expected, forecast);
         let [position, heading] = self.departure(expected.map_from_robot.between(matched.map_from_robot), forecast);
         let is_soon = forecast.spread < FAR_SPREAD;
-        let is_carried_off =
-            fits && is_soon && self.is_carried_off(&matched, hypot(position, TURN_WEIGHT * heading), points);
+        let leaps = is_soon && position > LEAP;
+        let taken = Taken { map_from_robot: matched.map_from_robot, ..*expected };
+        let through = || self.looked_through(&taken, hits);
+        let departure = hypot(position, TURN_WEIGHT * heading);
+        let is_carried_off = fits && is_soon && self.is_carried_off(&matched, departure, points, through);
+        let fits = fits && !is_carried_off;
         self.doubts |= is_carried_off;
+        self.is_held = !fits && (self.is_held || (is_carried_off && leaps && self.is_told));
         if walking > 0 {
             self.put_in_order(hits);
         }
-        Found { matched, fits: fits && !is_carried_off, leaps: is_soon && position > LEAP }
+        Found { matched, fits, leaps }
     }
 
     /// The match, and true if it fits.
@@ -129,13 +139,36 @@ impl LaserOdometry<'_> {
         self.lost_scans == 0 && !self.doubts && hypot(position, heading) <= 1.0
     }
 
-    /// True if a scan that fits does so too badly for departing so far from what was expected: from there on the robot may be anywhere.
-    fn is_carried_off(&self, matched: &Match, departure: f32, points: usize) -> bool {
+    /// True if a scan that fits does so too badly for departing so far from what was expected, or for the walls it looks through: from there on the
+    /// robot may be anywhere.
+    ///
+    /// * `through` — share of the walls that it looks through
+    fn is_carried_off(&self, matched: &Match, departure: f32, points: usize, through: impl FnOnce() -> f32) -> bool {
         let RecoveryConfig { lost_share, .. } = self.config.recovery;
         let share = matched.score_per_point / self.score_per_point;
-        let by_chance = SHARE_ERROR / libm::sqrtf(points as f32);
-        let wanted = (lost_share + ELSEWHERE_SHARE * departure).min(RETURN_SHARE) - by_chance;
-        lost_share > 0.0 && !self.doubts && departure > 1.0 && share >= lost_share && share < wanted
+        // What fits by less is on new ground.
+        if lost_share <= 0.0 || share < lost_share || (self.doubts && !self.is_held) {
+            return false;
+        }
+        let share = share + SHARE_ERROR / libm::sqrtf(points as f32);
+        let far = lost_share + ELSEWHERE_SHARE * if departure > 1.0 { departure } else { 0.0 };
+        // Who has seen nothing, or been lost, may have driven meanwhile.
+        let was_there = self.is_held || (self.lost_scans == 0 && self.seen_at == self.last_stamp);
+        let wanted = if self.is_told && was_there { far } else { far.min(RETURN_SHARE) };
+        share < wanted || (share < RETURN_SHARE && share < far + THROUGH_SHARE * through())
+    }
+
+    /// Share of the walls of the last few metres that the current scan looks through, 0 to 1.
+    #[cfg(feature = "witnesses")]
+    fn looked_through(&self, taken: &Taken, hits: usize) -> f32 {
+        let hits = self.hits.get(..hits).unwrap_or_default();
+        witnesses::looked_through(hits, taken, self.key_scans, self.key_points)
+    }
+
+    /// Without witnesses nobody can tell.
+    #[cfg(not(feature = "witnesses"))]
+    fn looked_through(&self, _: &Taken, _: usize) -> f32 {
+        0.0
     }
 
     /// How far a step from where the robot is expected goes and turns, in deviations of a forecast without odometry. 0 where the matcher has no

@@ -46,6 +46,8 @@ const WITNESSES_MAX: usize = 16;
 const WALKING_MAX: usize = 8;
 /// Points are the middle of a few hits: those of an object are so near to it, m.
 const AROUND_M: f32 = 0.15;
+/// Fewer points of walls in view say nothing of whether they still stand. Chosen.
+const THROUGH_MIN: u16 = 16;
 /// A witness is taken after so much travel, m …
 const APART_M: f32 = 0.5;
 /// … or so much rotation, degrees. Both chosen, so that who keeps up with the robot has left his place.
@@ -178,6 +180,31 @@ pub(super) fn know(in_map: Point2, outlines: &[Outline<'_>]) -> bool {
     outlines.iter().any(|outline| outline.testimony(outline.place(in_map)) != Testimony::None)
 }
 
+/// Share of the walls that a scan looks through, 0 to 1, of those that stand for two witnesses and in its view; 0 if too little does.
+///
+/// * `hits` — of the scan, robot frame, in beam order
+/// * `taken` — where it was
+/// * `witness_points` — the hits of each witness, robot frame, in beam order
+pub(super) fn looked_through(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], witness_points: &[Point2]) -> f32 {
+    let now = Outline::new(taken, hits);
+    let outlines = outlines(witnesses, witness_points);
+    let (mut seen, mut free) = (0_u16, 0_u16);
+    for (index, outline) in outlines.iter().enumerate() {
+        let others = || outlines.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, other)| other);
+        for point in outline.points {
+            let in_map = outline.taken.map_from_robot.transform(*point);
+            let says = now.testimony(now.place(in_map));
+            if says == Testimony::None || !others().any(|other| other.testimony(other.place(in_map)) == Testimony::Near)
+            {
+                continue;
+            }
+            seen = seen.saturating_add(1);
+            free = free.saturating_add(u16::from(says == Testimony::Free));
+        }
+    }
+    if seen < THROUGH_MIN { 0.0 } else { f32::from(free) / f32::from(seen) }
+}
+
 /// What each of the witnesses saw.
 ///
 /// * `points` — the hits of each, robot frame, in beam order
@@ -189,7 +216,7 @@ pub(super) fn outlines<'a>(
     let mut outlines = heapless::Vec::new();
     for (witness, points) in witnesses.iter().zip(points.chunks(room)).take(WITNESSES_MAX) {
         // Cannot fail: there is room for as many.
-        let _ = outlines.push(Outline::new(witness, points.get(..witness.count).unwrap_or_default()));
+        let _ = outlines.push(Outline::new(&witness.taken, points.get(..witness.count).unwrap_or_default()));
     }
     outlines
 }
@@ -215,7 +242,7 @@ impl Place {
                     Testimony::None => {}
                 }
             }
-            carried += usize::from(outline.is_on(self.in_robot - outline.scan.taken.eye));
+            carried += usize::from(outline.is_on(self.in_robot - outline.taken.eye));
         }
         carried >= WITNESSES_MIN || if self.is_alone { stood < WITNESSES_MIN } else { free >= WITNESSES_MIN }
     }
@@ -223,7 +250,7 @@ impl Place {
 
 /// The hits of a scan as seen from its laser, and the lines between them.
 pub(super) struct Outline<'a> {
-    scan: &'a KeyScan,
+    taken: &'a Taken,
     points: &'a [Point2],
     /// Bearing of the first one, rad.
     start: f32,
@@ -234,9 +261,9 @@ pub(super) struct Outline<'a> {
 }
 
 impl<'a> Outline<'a> {
-    fn new(scan: &'a KeyScan, points: &'a [Point2]) -> Self {
-        let start = points.first().map_or(0.0, |first| (*first - scan.taken.eye).bearing_rad());
-        Self { scan, points, start, after_place: Cell::default(), after_carried: Cell::default() }
+    fn new(taken: &'a Taken, points: &'a [Point2]) -> Self {
+        let start = points.first().map_or(0.0, |first| (*first - taken.eye).bearing_rad());
+        Self { taken, points, start, after_place: Cell::default(), after_carried: Cell::default() }
     }
 
     /// Beams go round once, counter-clockwise, from the first one on.
@@ -248,7 +275,7 @@ impl<'a> Outline<'a> {
     /// Index of the first hit behind the bearing of `place`, looked for about where that of the last one was.
     fn after(&self, place: Point2, last: &Cell<usize>) -> usize {
         let bearing = self.turned(place);
-        let is_before = |point: &Point2| self.turned(*point - self.scan.taken.eye) <= bearing;
+        let is_before = |point: &Point2| self.turned(*point - self.taken.eye) <= bearing;
         last.set(partition_point_near(self.points, last.get(), is_before));
         last.get()
     }
@@ -259,18 +286,18 @@ impl<'a> Outline<'a> {
         let near = self.points.get(first..self.points.len().min(after + NEIGHBOURS)).unwrap_or_default();
         near.windows(2).enumerate().filter_map(move |(index, pair)| {
             let &[a, b] = pair else { return None };
-            Some((first + index, a - self.scan.taken.eye, b - self.scan.taken.eye))
+            Some((first + index, a - self.taken.eye, b - self.taken.eye))
         })
     }
 
     /// A place in the map as seen from its laser.
     fn place(&self, in_map: Point2) -> Point2 {
-        self.scan.taken.map_from_robot.inverse().transform(in_map) - self.scan.taken.eye
+        self.taken.map_from_robot.inverse().transform(in_map) - self.taken.eye
     }
 
     /// True if something was at a place in the map so long before `now` that it has stood.
     fn saw_stand(&self, in_map: Point2, now: Instant) -> bool {
-        now.since(self.scan.taken.at) >= STOOD_FOR && self.has_hit_at(self.place(in_map))
+        now.since(self.taken.at) >= STOOD_FOR && self.has_hit_at(self.place(in_map))
     }
 
     /// True if nothing was at a place in the map so long before `now`, though it would have been seen there.
@@ -279,10 +306,10 @@ impl<'a> Outline<'a> {
         let after = self.after(place, &self.after_place);
         let before = after.checked_sub(1).and_then(|index| self.points.get(index));
         let Some((a, b)) = before.zip(self.points.get(after)) else { return false };
-        let (a, b) = (*a - self.scan.taken.eye, *b - self.scan.taken.eye);
+        let (a, b) = (*a - self.taken.eye, *b - self.taken.eye);
         let is_seen = self.turned(b) - self.turned(a) <= GAP_RAD;
-        let sees_m = if is_seen { a.norm().min(b.norm()) } else { self.scan.taken.farthest_m };
-        now.since(self.scan.taken.at) >= STOOD_FOR && place.norm() + CLEARANCE_M < sees_m && !self.has_hit_at(place)
+        let sees_m = if is_seen { a.norm().min(b.norm()) } else { self.taken.farthest_m };
+        now.since(self.taken.at) >= STOOD_FOR && place.norm() + CLEARANCE_M < sees_m && !self.has_hit_at(place)
     }
 
     /// True if something was hit at `place`; the line between two hits is nothing that was.

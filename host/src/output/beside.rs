@@ -18,7 +18,7 @@ pub(super) const OLD: &str = "lrfslam-old";
 pub(super) const GROWING: [&str; 2] = [RECORDING, "robot.journal"];
 
 /// All names that commands give to results: these may be replaced, nothing else.
-const RESULTS: &str = "cloud.json cloud.pcd cloud.ply cloud.png cost.csv cost.svg distribution.svg endurance.csv endurance.md \
+const RESULTS: &str = "carried.csv carried.md cloud.json cloud.pcd cloud.ply cloud.png cost.csv cost.svg distribution.svg endurance.csv endurance.md \
     endurance.svg envelope.csv envelope.md envelope.svg errors.csv errors.md errors.svg findings.md landmarks.csv \
     landmarks.png laser.rec localization.csv localization.png loop.csv loop.md map.lrfslam map.pgm map.png map.yaml \
     motion-model.json online.tum path.png report.json robot-map.pgm robot-map.yaml robot.journal robot.tum run.json \

@@ -36,30 +36,77 @@ fn without_a_prior_nothing_is_a_leap() {
     }
 }
 
-/// A scan from `aside` times 1.4 m beside where the robot would have turned by `turned`, of which every so many-th beam fits nowhere. Returns whether it is
-/// believed.
-fn believes(aside: f32, turned: f32, every: usize) -> bool {
+/// A scan from `aside` times 1.4 m beside where the robot would have turned by `turned`, with beams changed, each by its number of so many. Returns
+/// whether it is believed.
+fn believes(aside: f32, turned: f32, change: impl Fn(usize, usize, &mut Echo)) -> bool {
     let mut memory = Memory::new(2000);
     let mut odometry = memory.odometry(&LaserOdometryConfig::default());
     let (from, _) = drive(&mut odometry, (0..=120).map(circle), Pose2::IDENTITY, 2);
     let there = from * Pose2::new(-1.2 * aside, 0.8 * aside, turned);
     let mut beams = World::room().scan(there, 8.0, 0.01, &mut Pcg32::seed_from_u64(3));
-    for (index, beam) in beams.iter_mut().enumerate().filter(|(index, _)| index % every == 0) {
-        beam.echo = Echo::Hit(0.5 + 0.04 * (index % 17) as f32);
-    }
+    let count = beams.len();
+    beams.iter_mut().enumerate().for_each(|(index, beam)| change(index, count, &mut beam.echo));
     let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
     let report = odometry.step(&scan, Pose2::IDENTITY, None).unwrap();
     let found = there.between(report.matched.map_from_robot);
     !report.is_lost && found.position().norm() < 0.2 && found.heading.abs() < 0.1
 }
 
+/// Every so many-th beam fits nowhere.
+fn leaves(every: usize) -> impl Fn(usize, usize, &mut Echo) {
+    move |index, _, echo| {
+        if index.is_multiple_of(every) {
+            *echo = Echo::Hit(0.5 + 0.04 * (index % 17) as f32);
+        }
+    }
+}
+
 #[test]
 fn a_place_from_another_side_and_one_farther_off_must_fit_better() {
-    assert!(believes(0.1, 0.6, 5), "seven tenths of the usual score");
-    assert!(!believes(0.1, 1.2, 5), "a robot does not turn so from scan to scan");
-    assert!(!believes(1.0, 0.6, 5), "nor drive so");
-    assert!(believes(1.0, 0.6, 15), "unless nearly all fits");
-    assert!(!believes(1.0, 1.2, 5) && believes(1.0, 1.2, 15), "nor both");
+    assert!(believes(0.1, 0.6, leaves(5)), "seven tenths of the usual score");
+    assert!(!believes(0.1, 1.2, leaves(5)), "a robot does not turn so from scan to scan");
+    assert!(!believes(1.0, 0.6, leaves(5)), "nor drive so");
+    assert!(believes(1.0, 0.6, leaves(1000)), "though nearly all fits there");
+}
+
+#[test]
+fn a_wall_that_is_looked_through_tells_more_than_people_before_it() {
+    let third = |times: f32| {
+        move |index: usize, count: usize, echo: &mut Echo| {
+            if let Echo::Hit(range_m) = echo
+                && 3 * index < count
+            {
+                *range_m *= times;
+            }
+        }
+    };
+    assert!(believes(0.0, 0.0, third(0.5)), "people");
+    assert!(!believes(0.0, 0.0, third(1.5)), "another room");
+}
+
+#[test]
+fn who_leaps_is_kept_where_it_was_if_somebody_else_finds_it() {
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    odometry.leave_returns();
+    let (from, _) = drive(&mut odometry, (0..=120).map(circle), Pose2::IDENTITY, 2);
+    let pushed = from * Pose2::new(-1.2, 0.8, 0.0);
+    let mut rng = Pcg32::seed_from_u64(3);
+    let mut step = |at: Pose2| {
+        let beams = World::room().scan(at, 8.0, 0.01, &mut rng);
+        let scan = RangeScan { stamp: Instant::default(), range_max_m: 8.0, beams: &beams };
+        let report = odometry.step(&scan, Pose2::IDENTITY, None).unwrap();
+        (report.is_lost, from.between(odometry.map_from_robot()).position().norm())
+    };
+    for scan in 0..10 {
+        let (is_lost, off_m) = step(pushed);
+        assert!(
+            is_lost && off_m < 0.2,
+            "scan {scan} fits there, but 1.4 m in a fifth of a second: {is_lost}, {off_m} m"
+        );
+    }
+    let (is_lost, off_m) = step(from);
+    assert!(!is_lost && off_m < 0.05, "set back, it goes on: {is_lost}, {off_m} m");
 }
 
 #[test]

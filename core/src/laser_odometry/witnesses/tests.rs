@@ -121,3 +121,27 @@ fn only_who_is_fast_for_half_a_metre_cannot_wait() {
     );
     assert!(!can_wait(&at(1.1, 1.6), &witnesses), "6 m/s, who sees 20 m");
 }
+
+#[test]
+fn walls_are_looked_through_and_people_are_not() {
+    let nothing = |_: f32| f32::MAX;
+    // Across the corridor, so far along it.
+    let wall = |x: f32| move |bearing: f32| (x / libm::cosf(bearing)).max(0.0);
+    let somebody = |left: f32| move |bearing: f32| if (bearing - left).abs() < 0.1 { 1.5 } else { f32::MAX };
+    let through = |now: &dyn Fn(f32) -> f32, then: [&dyn Fn(f32) -> f32; 2]| {
+        let mut points = vec![Point2::default(); 2 * 181];
+        let mut witnesses = [KeyScan::default(); 2];
+        for (((witness, x), more), memory) in witnesses.iter_mut().zip([5.0, 5.6]).zip(then).zip(points.chunks_mut(181))
+        {
+            witness.keep(memory, &seen_from(x, more), taken_at(x));
+        }
+        looked_through(&seen_from(6.2, now), &taken_at(6.2), &witnesses, &points)
+    };
+    let behind = through(&nothing, [&wall(5.0), &wall(4.4)]);
+    assert!((0.15..0.4).contains(&behind), "a wall at 10 m is gone: {behind}");
+    assert!(through(&wall(3.8), [&wall(5.0), &wall(4.4)]) < 0.02, "it stands");
+    assert!(through(&nothing, [&nothing, &nothing]) < 0.02);
+    assert!(through(&somebody(0.0), [&nothing, &nothing]) < 0.02, "who stands before a wall hides it");
+    assert!(through(&nothing, [&somebody(0.3), &somebody(-0.3)]) < 0.02, "who has gone on was no wall");
+    assert_eq!(through(&|_| 0.5, [&wall(5.0), &wall(4.4)]), 0.0, "all is hidden");
+}

@@ -7,6 +7,7 @@ use anyhow::Context as _;
 use clap::{Args, Subcommand};
 
 use super::cloud::{TiltArgs, from_log};
+use super::experiment_carried::{self, CarriedArgs};
 use super::experiment_cost::{self, CostArgs};
 use super::experiment_endurance::{self, EnduranceArgs};
 use super::experiment_envelope::{self, EnvelopeArgs};
@@ -49,6 +50,7 @@ enum Command {
     ParticlePaths(PathsArgs),
     Starts(StartsArgs),
     Envelope(EnvelopeArgs),
+    Carried(CarriedArgs),
     Endurance(EnduranceArgs),
     LandmarkCost(CostArgs),
 }
@@ -173,6 +175,7 @@ pub(super) fn run(args: &ExperimentArgs) -> Result<(), Failure> {
         Command::ParticlePaths(args) => run_paths(args),
         Command::Starts(args) => experiment_starts::run(args),
         Command::Envelope(args) => experiment_envelope::run(args),
+        Command::Carried(args) => experiment_carried::run(args),
         Command::Endurance(args) => experiment_endurance::run(args),
         Command::LandmarkCost(args) => experiment_cost::run(args),
     }

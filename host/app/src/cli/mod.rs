@@ -18,6 +18,8 @@ mod experiment;
 #[path = "no_experiment.rs"]
 mod experiment;
 #[cfg(feature = "experiments")]
+mod experiment_carried;
+#[cfg(feature = "experiments")]
 mod experiment_cost;
 #[cfg(feature = "experiments")]
 mod experiment_endurance;

@@ -3,6 +3,7 @@
 //! All take a log and the true path of its scans; where that comes from (a simulator, or a path made with the whole log) is the
 //! caller's business.
 
+mod carried;
 mod endurance;
 mod envelope;
 mod findings;
@@ -20,6 +21,9 @@ mod starts;
 mod sweep;
 mod told_starts;
 
+pub use carried::{
+    CarriedConfig, CarriedDrive, CarriedRun, CarriedStretch, carried_csv, carried_markdown, on_true_path, run_carried,
+};
 pub use endurance::{LongDrive, Stretch, endurance_csv, endurance_markdown, plot_endurance, run_endurance};
 pub use envelope::{
     Degradation, ENVELOPE_ROWS, EnvelopeRow, EnvelopeRun, Told, degrade, envelope_csv, envelope_markdown,

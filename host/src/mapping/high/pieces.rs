@@ -26,6 +26,11 @@ const PLACES_MAX: usize = 3;
 const MAP_SHARE: f32 = 0.2;
 /// Scans so far apart, m, or so far turned, rad, tell where the walls are.
 const WALLS_APART: (f32, f32) = (0.2, 0.1);
+/// Two pieces are not joined if more than this share of the points of the later one's walls, of those in known places, would stand in free space of the
+/// other: its latest way may look alike where the rest of it does not …
+const CONTRADICTING_MAX: f32 = 0.07;
+/// … if it has so many scans a metre: one of scans farther apart is bent itself. Both chosen.
+const SCANS_PER_M_MIN: f32 = 2.0;
 /// How a piece is searched for among others; as a robot is in a saved map.
 const EFFORT: Effort = Effort { likelihood_min: 0.5, points: 200, second_share_max: 0.85, second_misfits_min: None };
 
@@ -189,6 +194,10 @@ impl HighSlam<'_> {
         let found = self.closer.find_on(&place.grid, query, &place.walls, &window, EFFORT)?;
         let there = PoseF64::from(found.pose);
         let nodes = self.graph.nodes();
+        let other_from_own = there.then(nodes[newer].between(PoseF64::default())).to_f32();
+        if self.is_contradicted(self.pieces.of_index(newer), other_from_own, place) {
+            return None;
+        }
         let distance = |node: &usize| nodes[*node].between(there).distance_m();
         let hung = self.hung_nodes();
         let of_other = (0..nodes.len()).filter(|node| self.pieces.of_index(*node) == other && !hung.contains(node));
@@ -199,6 +208,16 @@ impl HighSlam<'_> {
         // However near it is: nothing tied the two before.
         let moves_m = moves_m.max(f32::from(u8::MAX));
         Some(Closure { older, newer, older_from_newer: nodes[older].between(there), moves_m, weak_axis })
+    }
+
+    /// True if the walls of piece `own`, all of them, stand where the other one is free.
+    fn is_contradicted(&self, own: usize, other_from_own: Pose2, other: &PieceWalls) -> bool {
+        let scans: Vec<_> = self.scans_of_piece(own, WALLS_APART).collect();
+        let travel_m: f32 =
+            self.segments_of(own).filter_map(|k| self.segments.get(k)).map(|segment| segment.travel_m).sum();
+        let is_dense = scans.len() as f32 >= SCANS_PER_M_MIN * travel_m;
+        let walls = || Submap::new(scans.iter().copied(), &self.scans, self.config.closure.range_max_m);
+        is_dense && other.walls.agreement(walls().points(), other_from_own).contradicting > CONTRADICTING_MAX
     }
 
     /// Puts the later one of the two pieces where the closure says.

@@ -128,7 +128,7 @@ impl HighSlam<'_> {
     }
 
     /// Segments of a piece, the open one with them.
-    fn segments_of(&self, piece: usize) -> impl Iterator<Item = usize> {
+    pub(super) fn segments_of(&self, piece: usize) -> impl Iterator<Item = usize> {
         (0..=self.segments.len()).filter(move |k| self.pieces.of_index(*k) == piece)
     }
 

@@ -1,3 +1,7 @@
+use lrfslam_core::scan::{Beam, Echo, RangeScan};
+use lrfslam_core::sweep::SweepMotion;
+use lrfslam_core::time::{Duration, Instant};
+
 use super::*;
 
 /// A straight path of nine segments of a metre, well known.
@@ -105,4 +109,60 @@ fn known_ground_that_stays_unsure_is_let_go_when_it_is_judged_again() {
     let mut lost = visits(0.7);
     lost.let_go_if_known(8, known::AGAIN_SIGMA_M);
     assert!(hung(&lost).is_none());
+}
+
+/// What a laser that looks ahead over 180° sees at `at` between `walls`, each from one point to another, m.
+fn sees(walls: &[[f32; 4]], at: Pose2) -> Vec<Beam> {
+    let range = |bearing_rad: f32| {
+        let (sin, cos) = (at.heading + bearing_rad).sin_cos();
+        let hit = |[ax, ay, bx, by]: &[f32; 4]| {
+            let (dx, dy, ex, ey) = (bx - ax, by - ay, ax - at.x, ay - at.y);
+            let across = cos * dy - sin * dx;
+            let (range, along) = ((ex * dy - ey * dx) / across, (ex * sin - ey * cos) / across);
+            (range > 0.0 && (0.0..=1.0).contains(&along)).then_some(range)
+        };
+        walls.iter().filter_map(hit).min_by(f32::total_cmp)
+    };
+    let beam = |bearing_rad: f32| {
+        let echo = range(bearing_rad).map_or(Echo::Miss, Echo::Hit);
+        Beam { bearing_rad, offset: Duration::ZERO, echo }
+    };
+    (-90..=90).map(|degrees| beam((degrees as f32).to_radians())).collect()
+}
+
+/// A room 6 m long, `half_m` to each side, and a corridor 2 m wide and 16 m long out of it with a niche and a corner.
+fn room_and_corridor(half_m: f32) -> Vec<[f32; 4]> {
+    let outline = |points: &[(f32, f32)]| -> Vec<[f32; 4]> {
+        points.windows(2).map(|pair| [pair[0].0, pair[0].1, pair[1].0, pair[1].1]).collect()
+    };
+    let left = [(0.0, 1.0), (4.0, 1.0), (4.0, 1.6), (5.2, 1.6), (5.2, 1.0), (16.0, 1.0), (16.0, -1.0), (11.0, -1.0)];
+    let right = [(11.0, -1.0), (11.0, -1.8), (9.0, -1.8), (9.0, -1.0), (0.0, -1.0), (0.0, -half_m), (-6.0, -half_m)];
+    let room = [(-6.0, -half_m), (-6.0, half_m), (0.0, half_m), (0.0, 1.0)];
+    [outline(&left), outline(&right), outline(&room)].concat()
+}
+
+/// A robot is carried back to a corridor. Where its latest way looks alike, and the room before it does not, it is another corridor.
+#[test]
+fn pieces_are_joined_by_all_that_is_in_them() {
+    let pieces_apart = |other_half_m: f32| {
+        let mut high = HighSlam::new(&HighConfigs::default(), None);
+        let mut stamp = 0;
+        let mut drive = |high: &mut HighSlam<'_>, half_m: f32, is_lost: bool, scans: u16| {
+            for step in 0..scans {
+                let at = Pose2::new(-4.0 + 0.1 * f32::from(step), 0.0, 0.0);
+                let beams = sees(&room_and_corridor(half_m), at);
+                stamp += 200_000;
+                let scan = RangeScan { stamp: Instant::from_micros(stamp), range_max_m: 30.0, beams: &beams };
+                let sweep = Sweep { scan, robot_from_lrf: Pose2::IDENTITY, motion: SweepMotion::default() };
+                let low =
+                    LowPose { map_from_robot: at, undetermined: None, is_lost, is_blind: false, is_frozen: false };
+                high.add_scan(&sweep, &low).unwrap();
+            }
+        };
+        drive(&mut high, 4.0, false, 160);
+        drive(&mut high, 4.0, true, 10);
+        drive(&mut high, other_half_m, false, 160);
+        high.pieces_apart()
+    };
+    assert_eq!((pieces_apart(4.0), pieces_apart(2.0)), (0, 1));
 }
