@@ -34,7 +34,7 @@ lrfslam_core::config! {
 /// Share of points that must lie on the other's walls: chosen, strict.
 const ON_WALLS_MIN: f32 = 0.6;
 /// Share of points in known places that may stand in free space: chosen.
-const CONTRADICTING_MAX: f32 = 0.1;
+pub(crate) const CONTRADICTING_MAX: f32 = 0.1;
 /// A second pose with this share of the best one's score is a doubt …
 const SECOND_SHARE_MAX: f32 = 0.85;
 /// … unless so many times more of the points fit nowhere there, …

@@ -7,7 +7,7 @@ use clap::builder::PossibleValuesParser;
 
 use super::Failure;
 use super::out::OutArgs;
-use super::shared::{ConfigArgs, LOG, TRUTH, TellArgs, with_folder};
+use super::shared::{ConfigArgs, LOG, SEEDS, TRUTH, TellArgs, with_folder};
 use lrfslam_host::output::{ResultFolder, write_file};
 use lrfslam_host::runs::scans::read_scans;
 use lrfslam_host::trajectory::read_trajectory;
@@ -16,7 +16,7 @@ use lrfslam_lab::experiment::{
     run_carried,
 };
 
-/// Is a robot that is carried off noticed? Cuts drives out of a log: along one stretch, set down elsewhere, and back along the first one.
+/// Is a robot that is carried off noticed? Each seed cuts a drive out of a log: along one stretch, set down elsewhere, and back along the first one.
 ///
 /// The true path has a pose under the time of every scan; that of `lrfslam map` with the whole log will do. Writes carried.csv, a line for each
 /// stretch of each drive, and carried.md, after each drive.
@@ -26,10 +26,9 @@ pub(super) struct CarriedArgs {
     log: PathBuf,
     #[arg(long, value_name = "FILE", help = TRUTH)]
     truth: PathBuf,
-    /// Drives: each seed cuts another one, and maps it.
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..1000))]
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..1000), help = SEEDS)]
     seeds: u64,
-    /// This drive alone.
+    /// Start of the random numbers: the same seed and input give the same results.
     #[arg(long, value_name = "N", conflicts_with = "seeds")]
     seed: Option<u64>,
     /// Way before the robot is carried off, m.
@@ -41,7 +40,7 @@ pub(super) struct CarriedArgs {
     /// Farther from the truth is wrong, m.
     #[arg(long, value_name = "METRES", default_value_t = 0.5)]
     wrong: f64,
-    /// Makes each drive harder, as this row of `experiment envelope` does.
+    /// Makes the log harder first, as this row of `experiment envelope` does.
     #[arg(long, value_name = "ROW", value_parser = PossibleValuesParser::new(ENVELOPE_ROWS.map(|row| row.0)))]
     harder: Option<String>,
     #[command(flatten)]

@@ -7,10 +7,10 @@
 use lrfslam_core::geometry::{Point2, Pose2};
 
 use super::HighSlam;
-use super::placing::ReferenceState;
+use super::placing::{QUERY_TRAVEL_M, ReferenceState};
 use super::segment::Segment;
 use crate::mapping::{Correction, LowPose};
-use crate::places::closing::{Closure, Effort};
+use crate::places::closing::{CONTRADICTING_MAX, Closure, Effort};
 use crate::places::correlation::{CorrelationGrid, SearchWindow};
 use crate::places::pose_graph::{Edge, PoseGraph};
 use crate::places::submap::Submap;
@@ -26,10 +26,9 @@ const PLACES_MAX: usize = 3;
 const MAP_SHARE: f32 = 0.2;
 /// Scans so far apart, m, or so far turned, rad, tell where the walls are.
 const WALLS_APART: (f32, f32) = (0.2, 0.1);
-/// Two pieces are not joined if more than this share of the points of the later one's walls, of those in known places, would stand in free space of the
-/// other: its latest way may look alike where the rest of it does not …
-const CONTRADICTING_MAX: f32 = 0.07;
-/// … if it has so many scans a metre: one of scans farther apart is bent itself. Both chosen.
+/// Before two pieces are joined, so many times the latest way is held against the other one: places look alike over a few metres. Chosen …
+const ASKED_TIMES: f32 = 2.0;
+/// … if it has so many scans a metre: a way of scans farther apart is bent itself. Chosen.
 const SCANS_PER_M_MIN: f32 = 2.0;
 /// How a piece is searched for among others; as a robot is in a saved map.
 const EFFORT: Effort = Effort { likelihood_min: 0.5, points: 200, second_share_max: 0.85, second_misfits_min: None };
@@ -194,8 +193,7 @@ impl HighSlam<'_> {
         let found = self.closer.find_on(&place.grid, query, &place.walls, &window, EFFORT)?;
         let there = PoseF64::from(found.pose);
         let nodes = self.graph.nodes();
-        let other_from_own = there.then(nodes[newer].between(PoseF64::default())).to_f32();
-        if self.is_contradicted(self.pieces.of_index(newer), other_from_own, place) {
+        if self.is_contradicted(newer, found.pose, place) {
             return None;
         }
         let distance = |node: &usize| nodes[*node].between(there).distance_m();
@@ -210,14 +208,16 @@ impl HighSlam<'_> {
         Some(Closure { older, newer, older_from_newer: nodes[older].between(there), moves_m, weak_axis })
     }
 
-    /// True if the walls of piece `own`, all of them, stand where the other one is free.
-    fn is_contradicted(&self, own: usize, other_from_own: Pose2, other: &PieceWalls) -> bool {
-        let scans: Vec<_> = self.scans_of_piece(own, WALLS_APART).collect();
-        let travel_m: f32 =
-            self.segments_of(own).filter_map(|k| self.segments.get(k)).map(|segment| segment.travel_m).sum();
-        let is_dense = scans.len() as f32 >= SCANS_PER_M_MIN * travel_m;
-        let walls = || Submap::new(scans.iter().copied(), &self.scans, self.config.closure.range_max_m);
-        is_dense && other.walls.agreement(walls().points(), other_from_own).contradicting > CONTRADICTING_MAX
+    /// True if too many of the walls along the way before segment `newer` stand where the other piece is free.
+    ///
+    /// * `pose` — of the segment, there
+    fn is_contradicted(&self, newer: usize, pose: Pose2, other: &PieceWalls) -> bool {
+        let before_m = ASKED_TIMES * QUERY_TRAVEL_M - self.segments[newer].travel_m;
+        let asked = self.segments_about(newer, before_m, 0.0);
+        let travel_m: f32 = self.segments[asked.clone()].iter().map(|segment| segment.travel_m).sum();
+        let scans = asked.clone().flat_map(|k| self.scans_of(k)).count();
+        scans as f32 >= SCANS_PER_M_MIN * travel_m
+            && other.walls.agreement(self.submap(asked, newer).points(), pose).contradicting > CONTRADICTING_MAX
     }
 
     /// Puts the later one of the two pieces where the closure says.

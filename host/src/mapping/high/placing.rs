@@ -17,7 +17,7 @@ const SUBMAP_STEP_M: f32 = 0.2;
 /// … or so far turned, rad.
 const SUBMAP_STEP_RAD: f32 = 0.1;
 /// Travel of the latest path that is searched for, m: more is told apart better. Chosen.
-const QUERY_TRAVEL_M: f32 = 8.0;
+pub(super) const QUERY_TRAVEL_M: f32 = 8.0;
 /// Travel, before and after an older pose, of the path that is searched in, m. Chosen.
 const PLACE_TRAVEL_M: f32 = 10.0;
 /// Older path counts as older from so much travel on, m. Chosen.
@@ -128,7 +128,7 @@ impl HighSlam<'_> {
     }
 
     /// Segments of a piece, the open one with them.
-    pub(super) fn segments_of(&self, piece: usize) -> impl Iterator<Item = usize> {
+    fn segments_of(&self, piece: usize) -> impl Iterator<Item = usize> {
         (0..=self.segments.len()).filter(move |k| self.pieces.of_index(*k) == piece)
     }
 

@@ -141,9 +141,9 @@ fn room_and_corridor(half_m: f32) -> Vec<[f32; 4]> {
     [outline(&left), outline(&right), outline(&room)].concat()
 }
 
-/// A robot is carried back to a corridor. Where its latest way looks alike, and the room before it does not, it is another corridor.
+/// A robot is carried back to a corridor. If its latest way looks alike, and the room before it does not, it is another corridor.
 #[test]
-fn pieces_are_joined_by_all_that_is_in_them() {
+fn pieces_are_not_joined_if_the_way_before_says_otherwise() {
     let pieces_apart = |other_half_m: f32| {
         let mut high = HighSlam::new(&HighConfigs::default(), None);
         let mut stamp = 0;
