@@ -278,8 +278,7 @@ impl<'m> LaserOdometry<'m> {
         let is_lost = !first && !fits;
         self.doubts &= is_lost;
         self.lost_scans = if is_lost { self.lost_scans.saturating_add(1) } else { 0 };
-        let map_from_robot =
-            if first { self.map_from_robot } else { self.believed(&matched, predicted, (is_lost, displacement)) };
+        let map_from_robot = if first { self.map_from_robot } else { self.believed(&matched, is_lost, displacement) };
         let is_trusted = !is_lost || self.lost_scans > PATIENCE_SCANS;
         let is_key = self.scans < SETTLING_SCANS || (is_trusted && self.is_key(map_from_robot));
         self.scans = self.scans.saturating_add(1);
@@ -316,9 +315,9 @@ impl<'m> LaserOdometry<'m> {
     }
 
     /// Where the robot is: where the scan fits, or where odometry that has agreed so far says if it fits nowhere, or nowhere it can have driven.
-    fn believed(&self, matched: &Match, predicted: Pose2, (is_lost, odometry): (bool, Option<Pose2>)) -> Pose2 {
+    fn believed(&self, matched: &Match, is_lost: bool, odometry: Option<Pose2>) -> Pose2 {
         let told = self.course.trusted(odometry).filter(|_| is_lost);
-        let best = if self.is_held { predicted } else { matched.map_from_robot };
+        let best = if self.is_held { self.map_from_robot } else { matched.map_from_robot };
         told.map_or(best, |step| self.map_from_robot * step)
     }
 

@@ -370,9 +370,9 @@ mod tests {
             let x = if drive.stretch_of(drive.truth[number].stamp) == 1 { x + 2.0 } else { x };
             TimedPose { map_from_robot: frame * Pose2::new(x, y, 0.0), ..drive.truth[number] }
         };
-        let path: Vec<TimedPose> = (0..75).filter(|number| *number < 50 || *number >= 64).map(seen).collect();
+        let path: Vec<TimedPose> = (0..75).filter(|number| !(50..64).contains(number)).map(seen).collect();
         let said = |number: usize| {
-            let pose = (number < 50 || number >= 64).then(|| seen(number));
+            let pose = (!(50..64).contains(&number)).then(|| seen(number));
             (drive.truth[number].stamp, Said { is_lost: (50..64).contains(&number), pose })
         };
         let said: Vec<_> = (0..75).map(said).collect();
