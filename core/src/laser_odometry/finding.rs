@@ -39,7 +39,8 @@ const FAR_SPREAD: f32 = 1.4;
 /// nearer to each other than [`FAR_SPREAD`] says: slower ones see so much that is new that they do both.
 const ELSEWHERE_SHARE: f32 = 0.1;
 /// So does one that looks through walls that stood a moment ago, by so many times the share of them that it looks through: people stand before walls, and
-/// nobody takes them away. Chosen; only below [`RETURN_SHARE`], as a door that is opened before the robot leaves all else as it was.
+/// nobody takes them away. The less, the nearer to where it was expected it is, within a deviation: a door that is opened before the robot leaves all else
+/// as it was. Chosen.
 const THROUGH_SHARE: f32 = 1.5;
 /// A turn counts this much of its deviations there: robots turn at once, but do not leap. Chosen.
 const TURN_WEIGHT: f32 = 0.5;
@@ -155,7 +156,7 @@ impl LaserOdometry<'_> {
         // Who has seen nothing, or been lost, may have driven meanwhile.
         let was_there = self.is_held || (self.lost_scans == 0 && self.seen_at == self.last_stamp);
         let wanted = if self.is_told && was_there { far } else { far.min(RETURN_SHARE) };
-        share < wanted || (share < RETURN_SHARE && share < far + THROUGH_SHARE * through())
+        share < wanted || (share < RETURN_SHARE && share < far + THROUGH_SHARE * departure.min(1.0) * through())
     }
 
     /// Share of the walls of the last few metres that the current scan looks through, 0 to 1.

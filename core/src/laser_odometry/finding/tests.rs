@@ -80,8 +80,9 @@ fn a_wall_that_is_looked_through_tells_more_than_people_before_it() {
             }
         }
     };
-    assert!(believes(0.0, 0.0, third(0.5)), "people");
-    assert!(!believes(0.0, 0.0, third(1.5)), "another room");
+    assert!(believes(0.1, 0.1, third(0.5)), "people");
+    assert!(!believes(0.1, 0.1, third(1.5)), "another room");
+    assert!(believes(0.0, 0.0, third(1.5)), "a door, where the robot was expected");
 }
 
 #[test]
