@@ -271,7 +271,7 @@ impl<'m> LaserOdometry<'m> {
         let predicted = self.map_from_robot * forecast.step;
         let first = self.ndt.tiles_used() == 0;
         if first {
-            (self.scans, self.score_per_point, self.doubts) = (0, SCORE_FIRST, false);
+            (self.scans, self.score_per_point, self.doubts, self.is_held) = (0, SCORE_FIRST, false, false);
         }
         let found = self.find(&Taken::new(scan, robot_from_lrf, predicted), (count, hits), &forecast);
         let Found { matched, fits, .. } = found;

@@ -34,9 +34,10 @@ const EXPECTED_SHARE: f32 = 0.3;
 /// That is for scans so far apart that the box is so many times as large, half a second: who is not believed then has gone on by the next one. With scans
 /// close together that one is waited for. Chosen.
 const FAR_SPREAD: f32 = 1.4;
-/// A scan that fits elsewhere than expected has to reach so much more of the usual score for each deviation of the forecast, up to [`RETURN_SHARE`] where
-/// nobody else finds a robot that may be anywhere; who does finds one that has leapt, too: chosen. Robots that drive move farther and fit well, or fit badly and move as expected; who fits badly elsewhere has been carried off. Only with scans
-/// nearer to each other than [`FAR_SPREAD`] says: slower ones see so much that is new that they do both.
+/// A scan that fits elsewhere than expected has to reach so much more of the usual score for each deviation of the forecast, up to [`RETURN_SHARE`]
+/// where nobody else finds a robot that may be anywhere; who does finds one that has leapt, too. Chosen. Robots that drive move farther and fit well, or
+/// fit badly and move as expected; who fits badly elsewhere has been carried off. Only with scans nearer to each other than [`FAR_SPREAD`] says: slower
+/// ones see so much that is new that they do both.
 const ELSEWHERE_SHARE: f32 = 0.1;
 /// So does one that looks through walls that stood a moment ago, by so many times the share of them that it looks through: people stand before walls, and
 /// nobody takes them away. The less, the nearer to where it was expected it is, within a deviation: a door that is opened before the robot leaves all else

@@ -66,7 +66,8 @@ fn a_place_from_another_side_and_one_farther_off_must_fit_better() {
     assert!(believes(0.1, 0.6, leaves(5)), "seven tenths of the usual score");
     assert!(!believes(0.1, 1.2, leaves(5)), "a robot does not turn so from scan to scan");
     assert!(!believes(1.0, 0.6, leaves(5)), "nor drive so");
-    assert!(believes(1.0, 0.6, leaves(1000)), "though nearly all fits there");
+    assert!(believes(1.0, 0.6, leaves(15)), "unless nearly all fits");
+    assert!(!believes(1.0, 1.2, leaves(5)) && believes(1.0, 1.2, leaves(15)), "nor both");
 }
 
 #[test]
