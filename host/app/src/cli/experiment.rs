@@ -13,7 +13,7 @@ use super::experiment_endurance::{self, EnduranceArgs};
 use super::experiment_envelope::{self, EnvelopeArgs};
 use super::experiment_starts::{self, StartsArgs};
 use super::experiment_sweep::{self, SweepArgs};
-use super::out::OutArgs;
+use super::out::{OutArgs, save_texts};
 use super::shared::{CELL, ConfigArgs, JsonArgs, LOG, SEEDS, SeedArgs, TRUTH, TellArgs, with_folder};
 use super::{Failure, print};
 use lrfslam_host::maps::cloud::{CloudCounts, EdgeFilter};
@@ -192,9 +192,7 @@ fn run_loops(args: &LoopArgs) -> Result<(), Failure> {
     let runs: Vec<LoopRun> = runs.collect::<Result<_, _>>().map_err(Failure::Work)?;
     let table = loop_markdown(&runs);
     let files = [("loop.csv", loop_csv(&runs)), ("loop.md", table.clone())];
-    folder
-        .save(|stage| Ok(files.iter().try_for_each(|(name, text)| write_file(&stage.join(name), text.as_bytes()))?))
-        .map_err(Failure::Work)?;
+    save_texts(&mut folder, &files)?;
     args.tell.print(&runs, || with_folder(&table, folder.named()))
 }
 

@@ -1,22 +1,22 @@
 //! `lrfslam experiment envelope`: a log made harder in many ways, and what becomes of its map.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 
 use super::Failure;
-use super::out::OutArgs;
-use super::shared::{ConfigArgs, LOG, RELATIONS, SEEDS, TellArgs, with_folder};
-use lrfslam_host::output::{ResultFolder, write_file};
+use super::out::{OutArgs, save_texts};
+use super::shared::{ConfigArgs, LOG, RELATIONS, SeedsArgs, TellArgs, with_folder};
+use lrfslam_host::output::ResultFolder;
 use lrfslam_host::results::report::Ending;
 use lrfslam_host::runs::map::{About, MapRun};
 use lrfslam_host::runs::scans::Scans;
 use lrfslam_host::scans::log::LogScan;
 use lrfslam_lab::evaluation::read_relations;
 use lrfslam_lab::experiment::{
-    ENVELOPE_ROWS, EnvelopeRow, EnvelopeRun, envelope_csv, envelope_markdown, plot_envelope, run_envelope,
+    Degradation, ENVELOPE_ROWS, EnvelopeRow, EnvelopeRun, envelope_csv, envelope_markdown, plot_envelope, run_envelope,
 };
 
 /// Where are the limits? Makes a log harder in many ways, maps each by its laser alone, and judges the paths by relations.
@@ -29,11 +29,8 @@ pub(super) struct EnvelopeArgs {
     log: PathBuf,
     #[arg(long, value_name = "FILE", help = RELATIONS)]
     relations: PathBuf,
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..1000), help = SEEDS)]
-    seeds: u64,
-    /// Start of the random numbers: the same seed and input give the same results.
-    #[arg(long, value_name = "N", conflicts_with = "seeds")]
-    seed: Option<u64>,
+    #[command(flatten)]
+    seeds: SeedsArgs,
     /// These rows alone; may be given more than once, or with commas [default: all].
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = PossibleValuesParser::new(ENVELOPE_ROWS.map(|row| row.0)))]
     only: Vec<String>,
@@ -48,12 +45,28 @@ pub(super) struct EnvelopeArgs {
     tell: TellArgs,
 }
 
+/// A log that is made harder first.
+#[derive(Debug, Args)]
+pub(super) struct HarderArgs {
+    /// Makes the log harder first, as this row of `experiment envelope` does.
+    #[arg(long, value_name = "ROW", value_parser = PossibleValuesParser::new(ENVELOPE_ROWS.map(|row| row.0)))]
+    harder: Option<String>,
+}
+
+impl HarderArgs {
+    /// What is made of the log.
+    pub(super) fn degradation(&self) -> Degradation {
+        let row = ENVELOPE_ROWS.iter().find(|row| self.harder.as_deref() == Some(row.0));
+        row.map_or(Degradation::None, |row| row.1)
+    }
+}
+
 impl EnvelopeArgs {
     /// The runs, row by row.
     fn wanted(&self) -> impl Iterator<Item = (EnvelopeRow, u64)> {
         let rows =
             ENVELOPE_ROWS.into_iter().filter(|row| self.only.is_empty() || self.only.iter().any(|name| name == row.0));
-        let seeds = self.seed.map_or(1..=self.seeds, |seed| seed..=seed);
+        let seeds = self.seeds.each();
         rows.flat_map(move |row| seeds.clone().map(move |seed| (row, seed)))
     }
 
@@ -106,7 +119,5 @@ fn save(folder: &mut ResultFolder, runs: &[EnvelopeRun]) -> Result<(), Failure> 
     let figure = plot_envelope(runs).map_err(Failure::work)?;
     let files =
         [("envelope.csv", envelope_csv(runs)), ("envelope.md", envelope_markdown(runs)), ("envelope.svg", figure)];
-    let save =
-        |stage: &Path| Ok(files.iter().try_for_each(|(name, text)| write_file(&stage.join(name), text.as_bytes()))?);
-    folder.save(save).map_err(Failure::Work)
+    save_texts(folder, &files)
 }

@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use crate::config::RunConfig;
 use clap::Args;
-use clap::builder::PossibleValuesParser;
 use lrfslam_core::time::Duration;
 
+use super::experiment_envelope::HarderArgs;
 use super::localize::not_whole;
-use super::shared::{ConfigArgs, LOG, MAP, SeedArgs, TRUTH};
+use super::shared::{ConfigArgs, LOG, MAP, SeedArgs, TRUTH, tolerance};
 use super::{Failure, print};
 use lrfslam_host::localize::KnownMap;
 use lrfslam_host::mapping::saved_map::SavedMap;
@@ -16,7 +16,7 @@ use lrfslam_host::output::write_file;
 use lrfslam_host::runs::scans::read_scans;
 use lrfslam_host::trajectory::read_trajectory;
 use lrfslam_lab::experiment::{
-    ENVELOPE_ROWS, StartsConfig, degrade, starts_csv, starts_summary, told_starts_markdown, try_starts, try_told_starts,
+    StartsConfig, degrade, starts_csv, starts_summary, told_starts_markdown, try_starts, try_told_starts,
 };
 
 /// Does a robot find itself in a saved map, wherever it is switched on? Starts every few seconds of a log, each from an unknown place.
@@ -37,14 +37,13 @@ pub(super) struct StartsArgs {
     #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     patience: u32,
     /// Farther from the truth is wrong, m.
-    #[arg(long, value_name = "METRES", default_value_t = 0.5)]
+    #[arg(long, value_name = "METRES", default_value_t = 0.5, value_parser = tolerance)]
     wrong: f64,
     /// Farther from the true heading is wrong, degrees.
-    #[arg(long, value_name = "DEGREES", default_value_t = 5.0)]
+    #[arg(long, value_name = "DEGREES", default_value_t = 5.0, value_parser = tolerance)]
     wrong_deg: f64,
-    /// Makes the log harder first, as this row of `experiment envelope` does.
-    #[arg(long, value_name = "ROW", value_parser = PossibleValuesParser::new(ENVELOPE_ROWS.map(|row| row.0)))]
-    harder: Option<String>,
+    #[command(flatten)]
+    harder: HarderArgs,
     /// Tells the robot where it starts, rightly and wrongly: what comes of it, in a table.
     #[arg(long, conflicts_with = "out")]
     told: bool,
@@ -62,10 +61,8 @@ pub(super) fn run(args: &StartsArgs) -> Result<(), Failure> {
     let config = RunConfig::of_saved(&saved, &args.map).map_err(Failure::start)?;
     let config = args.config.load_over(config, [])?;
     let map = KnownMap::new(&saved, &config.mapping().high_slam()).map_err(|error| not_whole(&args.map, &error))?;
-    let mut scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
-    if let Some((_, harder)) = ENVELOPE_ROWS.iter().find(|row| args.harder.as_deref() == Some(row.0)) {
-        scans = degrade(&scans, *harder, args.seed.seed, 0);
-    }
+    let scans = read_scans(&args.log, config.log_options()).map_err(Failure::Start)?;
+    let scans = degrade(&scans, args.harder.degradation(), args.seed.seed, 0);
     let truth = read_trajectory(&args.truth).map_err(Failure::start)?;
     let seconds = |seconds: u32| Duration::from_micros(i64::from(seconds) * 1_000_000);
     let starts = StartsConfig {

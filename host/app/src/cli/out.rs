@@ -8,6 +8,8 @@ use clap::Args;
 use super::Failure;
 use super::laser::say;
 use lrfslam_host::output::ResultFolder;
+#[cfg(feature = "experiments")]
+use lrfslam_host::output::write_file;
 
 /// How often a long run saves what it has.
 #[derive(Debug, Clone, Copy, Args)]
@@ -22,6 +24,17 @@ impl SaveArgs {
     pub fn every(self) -> Duration {
         Duration::from_secs(u64::from(self.every_s))
     }
+}
+
+/// Replaces the results by these texts, each with the name of its file.
+///
+/// # Errors
+/// If they cannot be written.
+#[cfg(feature = "experiments")]
+pub(super) fn save_texts(folder: &mut ResultFolder, files: &[(&str, String)]) -> Result<(), Failure> {
+    let write =
+        |stage: &Path| Ok(files.iter().try_for_each(|(name, text)| write_file(&stage.join(name), text.as_bytes()))?);
+    folder.save(write).map_err(Failure::Work)
 }
 
 /// Where results go.

@@ -49,6 +49,12 @@ pub(super) fn seconds(text: &str) -> Result<f64, String> {
     within(text, 0.0, 1e9)
 }
 
+/// How far from the truth is wrong, m or degrees.
+#[cfg(feature = "experiments")]
+pub(super) fn tolerance(text: &str) -> Result<f64, String> {
+    within(text, 0.0, 1e6)
+}
+
 /// Help of `--start`.
 pub(super) const START: &str = "Where the robot starts in the map: x and y in metres and degrees, or \"end\", where it was last when the map was \
      made [default: it finds itself]";
@@ -99,6 +105,25 @@ pub struct SeedArgs {
     /// Start of the random numbers: the same seed and input give the same results.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+}
+
+/// The random numbers of an experiment's runs.
+#[cfg(feature = "experiments")]
+#[derive(Debug, Clone, Copy, Args)]
+pub(super) struct SeedsArgs {
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..1000), help = SEEDS)]
+    seeds: u64,
+    /// Start of the random numbers: the same seed and input give the same results.
+    #[arg(long, value_name = "N", conflicts_with = "seeds")]
+    seed: Option<u64>,
+}
+
+#[cfg(feature = "experiments")]
+impl SeedsArgs {
+    /// The seed of each run.
+    pub(super) fn each(self) -> std::ops::RangeInclusive<u64> {
+        self.seed.map_or(1..=self.seeds, |seed| seed..=seed)
+    }
 }
 
 /// Report or summary.
