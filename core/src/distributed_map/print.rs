@@ -81,11 +81,12 @@ impl<'a> Print<'a> {
         chords: impl Iterator<Item = Chord>,
         hit: bool,
     ) -> Result<(), PoolFullError> {
-        let mut chords = chords.skip(self.squares_done).peekable();
+        let mut chords = chords.skip(self.squares_done);
         let mut open = Open { slot: usize::MAX, id: TileId::NONE, is_own: false };
-        while let Some(chord) = chords.next() {
-            let is_end = hit && chords.peek().is_none();
-            write(map, window, &mut open, &chord, is_end)?;
+        let mut next = chords.next();
+        while let Some(chord) = next {
+            next = chords.next();
+            write(map, window, &mut open, &chord, hit && next.is_none())?;
             self.squares_done += 1;
         }
         Ok(())

@@ -9,6 +9,8 @@ use crate::math::{floor, sin_cos};
 pub const TILE_CELLS: usize = 1 << TILE_SHIFT;
 const TILE_SHIFT: u32 = 1;
 const TILE_AREA: usize = TILE_CELLS * TILE_CELLS;
+/// Shifts of a layer that there are: [`NdtConfig`] has no more grids.
+const LAYERS_MAX: usize = 4;
 /// Farther than this from the origin a point is dropped, m: 16-bit tile coordinates and `f32` give out.
 const REACH_M: f32 = 5_000.0;
 
@@ -82,7 +84,7 @@ pub struct NdtGrid<'m> {
 }
 
 /// Where a point falls in one layer.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 pub(super) struct Place {
     slot: u32,
     key: u32,
@@ -109,7 +111,7 @@ impl<'m> NdtGrid<'m> {
         directory: &'m mut [DirectoryEntry],
         tiles: &'m mut [NdtTile],
     ) -> Result<Self, NdtMemoryError> {
-        let layers = u32::from(config.grids);
+        let layers = u32::from(config.grids).min(LAYERS_MAX as u32);
         let side_shift = side_shift(config.grids, directory.len());
         let side_shift = side_shift.ok_or(NdtMemoryError::Directory(directory.len()))?;
         if tiles.len() > usize::from(u16::MAX) {
@@ -186,23 +188,31 @@ impl<'m> NdtGrid<'m> {
         let evicted_before = self.evicted;
         self.farthest = f32::INFINITY;
         let (sin, cos) = sin_cos(map_from_robot.heading);
+        let mut stale = [None; LAYERS_MAX];
         for point in points {
             let in_map = rotate_translate(*point, sin, cos, map_from_robot);
             let in_reach = in_map.x.abs() < REACH_M && in_map.y.abs() < REACH_M;
-            for layer in 0..self.layers {
-                if !(in_reach && self.update_layer(in_map, layer, sign, map_from_robot.position())) {
+            for (layer, stale) in (0..self.layers).zip(&mut stale) {
+                if !(in_reach && self.update_layer((in_map, layer), sign, map_from_robot.position(), stale)) {
                     report.dropped += 1;
                 }
             }
         }
+        stale.into_iter().flatten().for_each(|place| self.refresh(place));
         InsertReport { evicted: self.evicted.wrapping_sub(evicted_before), ..report }
     }
 
     /// False if the point found no tile.
-    fn update_layer(&mut self, in_map: Point2, layer: u32, sign: i16, robot: Point2) -> bool {
+    ///
+    /// * `stale` — the layer's cell whose distribution waits to be made anew: points that follow one another are mostly of one cell
+    fn update_layer(&mut self, at: (Point2, u32), sign: i16, robot: Point2, stale: &mut Option<Place>) -> bool {
+        let (in_map, layer) = at;
         let (u, v) = self.cell_coordinates(in_map, layer);
         let (column, row) = (floor(u), floor(v));
         let place = self.place(column, row, layer);
+        if let Some(left) = stale.replace(place).filter(|left| *left != place) {
+            self.refresh(left);
+        }
         if sign > 0 {
             self.tile_for(place, robot);
         }
@@ -212,24 +222,31 @@ impl<'m> NdtGrid<'m> {
         })
     }
 
-    /// Changes the sums of a cell, unless it is frozen; false if there is no tile for it. A tile left without points returns to the pool.
+    /// Changes the sums of a cell, unless it is frozen; false if there is no tile for it. A tile left without points returns to the pool. The
+    /// distribution is to be [refreshed](Self::refresh).
     pub(super) fn change(&mut self, place: Place, change: impl FnOnce(&mut CellSums)) -> bool {
         let index = self.tile_at(place);
         let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return false };
-        let (Some(sums), Some(gaussian)) =
-            (tile.sums.get_mut(place.cell as usize), tile.gaussians.get_mut(place.cell as usize))
-        else {
-            return false;
-        };
+        let Some(sums) = tile.sums.get_mut(place.cell as usize) else { return false };
         if sums.is_frozen() {
             return true;
         }
         change(sums);
-        *gaussian = sums.gaussian(&self.config);
         if tile.sums.iter().all(CellSums::is_empty) {
             self.give_back(place, index);
         }
         true
+    }
+
+    /// Makes a cell's distribution that of its sums, if it has a tile and is not frozen.
+    pub(super) fn refresh(&mut self, place: Place) {
+        let (index, cell) = (self.tile_at(place), place.cell as usize);
+        let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return };
+        if let (Some(sums), Some(gaussian)) = (tile.sums.get(cell), tile.gaussians.get_mut(cell))
+            && !sums.is_frozen()
+        {
+            *gaussian = sums.gaussian(&self.config);
+        }
     }
 
     /// A point in units of cells, for one layer.

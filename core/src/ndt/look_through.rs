@@ -51,6 +51,7 @@ impl NdtGrid<'_> {
             let place = self.place(cell.column, cell.row, layer);
             if ray.goes_through(self.gaussian_at(place), cell) {
                 self.change(place, CellSums::weaken);
+                self.refresh(place);
             }
         }
     }

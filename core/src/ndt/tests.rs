@@ -123,6 +123,30 @@ proptest! {
     }
 }
 
+proptest! {
+    /// Distributions are made once for points that follow one another in a cell; also where tiles run out, go and come again, or are frozen.
+    #[test]
+    fn points_at_once_are_points_one_by_one(seed in 0..1000_u64, tiles in 3..40_usize) {
+        let mut rng = Pcg32::seed_from_u64(seed);
+        let points: Vec<_> =
+            corner().iter().map(|p| *p + Point2::new(0.3 * uniform(&mut rng), 0.3 * uniform(&mut rng))).collect();
+        let (first, then) = points.split_at(50);
+        let pose = Pose2::new(0.2, -0.1, 0.3);
+        let (mut at_once, mut single) = (Memory::new(tiles), Memory::new(tiles));
+        let (mut at_once, mut single) = (at_once.grid(&NdtConfig::default()), single.grid(&NdtConfig::default()));
+        for points in [first, then] {
+            let report = at_once.insert(points, pose);
+            let one_by_one = points.iter().map(|point| single.insert(&[*point], pose));
+            let dropped: u32 = one_by_one.map(|report| report.dropped).sum();
+            prop_assert_eq!(report.dropped, dropped);
+            let scores = points.iter().map(|p| [&at_once, &single].map(|grid| grid.score(&[*p], pose).to_bits()));
+            prop_assert!(scores.clone().all(|[a, b]| a == b), "{:?}", scores.collect::<Vec<_>>());
+            at_once.freeze();
+            single.freeze();
+        }
+    }
+}
+
 #[test]
 fn removal_leaves_no_trace() {
     let config = NdtConfig { grids: 4, ..SINGLE };
