@@ -1,7 +1,7 @@
 //! The plane of cells: tiles, their directory, insertion and removal.
 
-use super::NdtConfig;
 use super::cell::{CellSums, Gaussian};
+use super::{GRIDS_MAX, NdtConfig};
 use crate::geometry::{Point2, Pose2};
 use crate::math::{floor, sin_cos};
 
@@ -9,8 +9,6 @@ use crate::math::{floor, sin_cos};
 pub const TILE_CELLS: usize = 1 << TILE_SHIFT;
 const TILE_SHIFT: u32 = 1;
 const TILE_AREA: usize = TILE_CELLS * TILE_CELLS;
-/// Shifts of a layer that there are: [`NdtConfig`] has no more grids.
-const LAYERS_MAX: usize = 4;
 /// Farther than this from the origin a point is dropped, m: 16-bit tile coordinates and `f32` give out.
 const REACH_M: f32 = 5_000.0;
 
@@ -111,7 +109,7 @@ impl<'m> NdtGrid<'m> {
         directory: &'m mut [DirectoryEntry],
         tiles: &'m mut [NdtTile],
     ) -> Result<Self, NdtMemoryError> {
-        let layers = u32::from(config.grids).min(LAYERS_MAX as u32);
+        let layers = u32::from(config.grids.min(GRIDS_MAX));
         let side_shift = side_shift(config.grids, directory.len());
         let side_shift = side_shift.ok_or(NdtMemoryError::Directory(directory.len()))?;
         if tiles.len() > usize::from(u16::MAX) {
@@ -158,7 +156,7 @@ impl<'m> NdtGrid<'m> {
         &self.config
     }
 
-    /// Number of overlapping grids.
+    /// Number of overlapping grids, 4 at most.
     pub fn layers(&self) -> u32 {
         self.layers
     }
@@ -188,7 +186,7 @@ impl<'m> NdtGrid<'m> {
         let evicted_before = self.evicted;
         self.farthest = f32::INFINITY;
         let (sin, cos) = sin_cos(map_from_robot.heading);
-        let mut stale = [None; LAYERS_MAX];
+        let mut stale = [None; GRIDS_MAX as usize];
         for point in points {
             let in_map = rotate_translate(*point, sin, cos, map_from_robot);
             let in_reach = in_map.x.abs() < REACH_M && in_map.y.abs() < REACH_M;

@@ -23,6 +23,9 @@ pub(crate) use cell::SHARP_M;
 pub use grid::{DirectoryEntry, InsertReport, NdtGrid, NdtMemoryError, NdtTile, TILE_CELLS};
 pub use score::{Linearisation, Scatter};
 
+/// Shifts that a grid may have, so that no two are alike.
+const GRIDS_MAX: u16 = 4;
+
 crate::config! {
     /// Normal distributions transform (thesis 2.3.3).
     pub struct NdtConfig {
@@ -30,7 +33,7 @@ crate::config! {
         cell_size_m: f32 = 0.3, in 0.05..=10.0;
         /// Grids that overlap, averaged: a second one is shifted by half a cell in x and y, a third in x, a fourth in y (Biber has all four).
         /// More are smoother and more accurate, memory and time are in proportion; the search for a match uses the first one only.
-        grids: u16 = 4, in 1..=4;
+        grids: u16 = 4, in 1..=GRIDS_MAX;
         /// Standard deviation added to every cell in both directions, m: the error of the poses the points were seen from. Larger is
         /// smoother: fewer false optima, less precise ones. Thesis: 0.
         noise_m: f32 = 0.03, in 0.0..=1.0;
