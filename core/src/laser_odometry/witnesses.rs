@@ -14,6 +14,7 @@
 
 #[cfg(test)]
 mod tests;
+mod through;
 
 use core::cell::Cell;
 
@@ -23,6 +24,7 @@ use super::reference::Taken;
 use crate::geometry::{Point2, Pose2};
 use crate::math::wrap_angle;
 use crate::time::{Duration, Instant};
+pub(super) use through::looked_through;
 
 /// A place nearer than this to what a witness saw is no longer free, m: more than errors of pose and range.
 const CLEARANCE_M: f32 = 0.3;
@@ -46,8 +48,6 @@ const WITNESSES_MAX: usize = 16;
 const WALKING_MAX: usize = 8;
 /// Points are the middle of a few hits: those of an object are so near to it, m.
 const AROUND_M: f32 = 0.15;
-/// Fewer points of walls in view say nothing of whether they still stand. Chosen.
-const THROUGH_MIN: u16 = 16;
 /// A witness is taken after so much travel, m …
 const APART_M: f32 = 0.5;
 /// … or so much rotation, degrees. Both chosen, so that who keeps up with the robot has left his place.
@@ -178,31 +178,6 @@ pub(super) fn walking(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], wit
 /// True if a witness saw that something is at `in_map`, or that nothing is.
 pub(super) fn know(in_map: Point2, outlines: &[Outline<'_>]) -> bool {
     outlines.iter().any(|outline| outline.testimony(outline.place(in_map)) != Testimony::None)
-}
-
-/// Share of the walls that a scan looks through, 0 to 1, of those that stand for two witnesses and in its view; 0 if too little does.
-///
-/// * `hits` — of the scan, robot frame, in beam order
-/// * `taken` — where it was
-/// * `witness_points` — the hits of each witness, robot frame, in beam order
-pub(super) fn looked_through(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], witness_points: &[Point2]) -> f32 {
-    let now = Outline::new(taken, hits);
-    let outlines = outlines(witnesses, witness_points);
-    let (mut seen, mut free) = (0_u16, 0_u16);
-    for (index, outline) in outlines.iter().enumerate() {
-        let others = || outlines.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, other)| other);
-        for point in outline.points {
-            let in_map = outline.taken.map_from_robot.transform(*point);
-            let says = now.testimony(now.place(in_map));
-            if says == Testimony::None || !others().any(|other| other.testimony(other.place(in_map)) == Testimony::Near)
-            {
-                continue;
-            }
-            seen = seen.saturating_add(1);
-            free = free.saturating_add(u16::from(says == Testimony::Free));
-        }
-    }
-    if seen < THROUGH_MIN { 0.0 } else { f32::from(free) / f32::from(seen) }
 }
 
 /// What each of the witnesses saw.

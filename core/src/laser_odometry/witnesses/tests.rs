@@ -122,11 +122,14 @@ fn only_who_is_fast_for_half_a_metre_cannot_wait() {
     assert!(!can_wait(&at(1.1, 1.6), &witnesses), "6 m/s, who sees 20 m");
 }
 
+/// A wall across the corridor, `x` ahead.
+fn wall(x: f32) -> impl Fn(f32) -> f32 {
+    move |bearing| x / libm::cosf(bearing).max(1e-3)
+}
+
 #[test]
 fn walls_are_looked_through_and_people_are_not() {
     let nothing = |_: f32| f32::MAX;
-    // Across the corridor, so far along it.
-    let wall = |x: f32| move |bearing: f32| (x / libm::cosf(bearing)).max(0.0);
     let somebody = |left: f32| move |bearing: f32| if (bearing - left).abs() < 0.1 { 1.5 } else { f32::MAX };
     let through = |now: &dyn Fn(f32) -> f32, then: [&dyn Fn(f32) -> f32; 2]| {
         let mut points = vec![Point2::default(); 2 * 181];
@@ -144,4 +147,22 @@ fn walls_are_looked_through_and_people_are_not() {
     assert!(through(&somebody(0.0), [&nothing, &nothing]) < 0.02, "who stands before a wall hides it");
     assert!(through(&nothing, [&somebody(0.3), &somebody(-0.3)]) < 0.02, "who has gone on was no wall");
     assert_eq!(through(&|_| 0.5, [&wall(5.0), &wall(4.4)]), 0.0, "all is hidden");
+}
+
+#[test]
+fn what_witnesses_look_through_as_well_tells_less() {
+    // Across the corridor at 10 m: for the first so many of four it stands.
+    let through = |standing: usize| {
+        let mut points = vec![Point2::default(); 4 * 181];
+        let mut witnesses = [KeyScan::default(); 4];
+        for (number, (witness, memory)) in witnesses.iter_mut().zip(points.chunks_mut(181)).enumerate() {
+            let x = 4.4 + 0.6 * number as f32;
+            let ends = wall(if number < standing { 10.0 - x } else { 20.0 });
+            witness.keep(memory, &seen_from(x, &ends), taken_at(x));
+        }
+        looked_through(&seen_from(6.8, NOBODY), &taken_at(6.8), &witnesses, &points)
+    };
+    let [opened, at_once] = [through(2), through(4)];
+    assert!((0.2..0.5).contains(&at_once), "for none of them: {at_once}");
+    assert!(opened < 0.12, "a door that was opened before two of them came: {opened}");
 }
