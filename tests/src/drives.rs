@@ -70,6 +70,7 @@ impl Drive {
         for scan in &self.scans {
             run.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or_default(), None).expect("the scan fits");
         }
+        run.finish();
         let path = run.trajectory();
         let judge = |path: &[TimedPose]| evaluate_truth(path, &self.truth, TOLERANCE, STRETCH_M);
         let report = judge(&path).expect("the path has the log's times");

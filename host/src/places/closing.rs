@@ -193,6 +193,11 @@ impl Closer {
         effort: Effort,
     ) -> Option<Place> {
         let coarse = effort.search(grid, query.points(), window)?;
+        self.find_near(query, place, coarse)
+    }
+
+    /// Finds `query` in `place` where it is known to be about, `coarse`; its pose there, if it is near and nothing speaks against it.
+    pub fn find_near(&mut self, query: &Submap, place: &Submap, coarse: Pose2) -> Option<Place> {
         let found = self.refine(query, place, coarse)?;
         let near = coarse.between(found.pose);
         let is_near = near.position().norm() < REFINED_WITHIN_M && near.heading.abs() < REFINED_WITHIN_RAD;

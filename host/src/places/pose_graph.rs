@@ -97,7 +97,7 @@ impl Edge {
     }
 
     /// The same measured from the other end.
-    fn reversed(&self) -> Self {
+    pub fn reversed(&self) -> Self {
         let z = self.from_to;
         let (sin, cos) = z.heading.sin_cos();
         let (by_x, by_y) = (sin * z.x - cos * z.y, cos * z.x + sin * z.y);

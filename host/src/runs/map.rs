@@ -100,6 +100,8 @@ pub struct Run<'m, L> {
     moved: PoseF64,
     /// What is recorded of it.
     bag: Option<RunBag>,
+    /// See [`finish`](Self::finish).
+    is_finished: bool,
     working: WallDuration,
 }
 
@@ -267,6 +269,7 @@ impl<'m, L: LowLevel> Run<'m, L> {
             odom_from_robot: PoseF64::default(),
             moved: PoseF64::default(),
             bag: None,
+            is_finished: false,
             working: WallDuration::ZERO,
         }
     }
@@ -302,10 +305,19 @@ impl<'m, L: LowLevel> Run<'m, L> {
             }
             self.places.push(place);
         }
+        self.is_finished = false;
         self.fits.push(place.fit);
         self.ends = Some([self.ends.map_or(place.stamp, |[first, _]| first), place.stamp]);
         self.beams.add(&sweep.scan);
         Ok(())
+    }
+
+    /// No more scans come: poses are put where all visits together say, once; see [`HighSlam::refine`]. [`write_into`](Self::write_into) does it for a
+    /// run that is not interrupted and does not go on.
+    pub fn finish(&mut self) {
+        let high = self.high.as_mut().filter(|_| !self.is_finished);
+        high.into_iter().for_each(HighSlam::refine);
+        self.is_finished = true;
     }
 
     /// Where the robot was at every scan, as the highest level now has it.

@@ -41,6 +41,7 @@ fn run_of<T>(log: &Path, levels: u16, seed: u64, take: impl FnOnce(&MapRun<'_>) 
         let robot_from_lrf = scan.robot_from_lrf.unwrap_or_else(|| config.robot_from_lrf());
         run.add_scan(&scan.scan(), robot_from_lrf, None).unwrap();
     }
+    run.finish();
     take(&run)
 }
 

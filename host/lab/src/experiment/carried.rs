@@ -193,6 +193,7 @@ pub fn run_carried(
         let pose = map.trusted_trajectory().last().copied().filter(|pose| pose.stamp == scan.stamp);
         said.push((scan.stamp, Said { is_lost: step.odometry.is_lost, pose }));
     }
+    map.finish();
     let stretches = judge(carried.wrong_m, drive, &map.trusted_trajectory(), &said)?;
     Ok(CarriedRun { seed, log_s: drive.log_s, stretches, trust: map.quality().trust })
 }

@@ -114,6 +114,7 @@ pub fn run_endurance<C: Serialize + Clone>(
     }
     let began = first.unwrap_or_default();
     close(&mut stretches, &mut times_ms, &mut run, last.since(began))?;
+    run.finish();
     judge(&mut stretches, &run.trusted_trajectory(), truth, (began, every))?;
     Ok(stretches)
 }

@@ -48,6 +48,7 @@ pub fn run_loop(
     for scan in scans {
         map.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or(robot_from_lrf), None)?;
     }
+    map.finish();
     let report = evaluate_truth(&map.trajectory(), truth, Duration::from_millis(50), 10.0)?;
     anyhow::ensure!(report.revisit_m.count > 0, "the true path never comes back to a place: there is no loop to close");
     let (rmse_m, revisit_m) = (report.absolute_m.rmse, report.revisit_m.max);

@@ -19,11 +19,11 @@ const SUBMAP_STEP_RAD: f32 = 0.1;
 /// Travel of the latest path that is searched for, m: more is told apart better. Chosen.
 pub(super) const QUERY_TRAVEL_M: f32 = 8.0;
 /// Travel, before and after an older pose, of the path that is searched in, m. Chosen.
-const PLACE_TRAVEL_M: f32 = 10.0;
+pub(super) const PLACE_TRAVEL_M: f32 = 10.0;
 /// Older path counts as older from so much travel on, m. Chosen.
-const GAP_TRAVEL_M: f32 = 20.0;
+pub(super) const GAP_TRAVEL_M: f32 = 20.0;
 /// Older places searched after each segment. Chosen.
-const CANDIDATES: usize = 3;
+pub(super) const CANDIDATES: usize = 3;
 /// The window reaches so many standard deviations of the drift to each side …
 const WINDOW_SIGMAS: f32 = 3.0;
 /// … and what a submap is off in itself, m …
@@ -80,7 +80,7 @@ impl HighSlam<'_> {
     }
 
     /// Poses of segment `k` in the map: what the graph has moved its end by is spread along its way.
-    fn placed(&self, k: usize) -> impl Iterator<Item = (PoseF64, SegmentPose)> {
+    pub(super) fn placed(&self, k: usize) -> impl Iterator<Item = (PoseF64, SegmentPose)> {
         let place = self.place_of(k);
         self.segment(k).poses.iter().map(move |pose| (place(&pose), pose))
     }
@@ -95,14 +95,9 @@ impl HighSlam<'_> {
         let start = self.graph.nodes()[k];
         let open_end = start.then(segment.start_from_end);
         let end = self.graph.nodes().get(k + 1).copied().unwrap_or(open_end);
-        let (dx, dy, turn) = (end.x - open_end.x, end.y - open_end.y, wrap(end.heading - open_end.heading));
+        let place = between_nodes(start, segment.start_from_end, end);
         let length = f64::from(segment.slack_m).max(1e-6);
-        move |pose| {
-            let rigid = start.then(PoseF64::from(pose.start_from_robot));
-            let share = f64::from(pose.slack_m) / length;
-            let heading = wrap(rigid.heading + share * turn);
-            PoseF64::new(rigid.x + share * dx, rigid.y + share * dy, heading)
-        }
+        move |pose| place(PoseF64::from(pose.start_from_robot), f64::from(pose.slack_m) / length)
     }
 
     /// Number of the scans placed.
@@ -160,7 +155,7 @@ impl HighSlam<'_> {
         self.placed_scans_of(k).map(|(pose, scan)| (pose.to_f32(), scan))
     }
 
-    fn placed_scans_of(&self, k: usize) -> impl Iterator<Item = (PoseF64, u32)> {
+    pub(super) fn placed_scans_of(&self, k: usize) -> impl Iterator<Item = (PoseF64, u32)> {
         let place = self.place_of(k);
         self.segment(k).poses.with_scans().map(move |(pose, scan)| (place(&pose), scan))
     }
@@ -297,6 +292,19 @@ impl HighSlam<'_> {
         let old = apart((0..recent).filter(used).flat_map(|k| self.scans_of(k)), older_m, older_rad);
         let new = apart((recent..=last).filter(used).flat_map(|k| self.scans_of(k)), step_m, step_rad);
         Some(old.chain(new).collect())
+    }
+}
+
+/// Puts what lies between two nodes: takes a pose seen from the first one, and the share of what the second one has moved by that it takes.
+///
+/// * `start_from_end` — the second as the way to it told
+pub(super) fn between_nodes(start: PoseF64, start_from_end: PoseF64, end: PoseF64) -> impl Fn(PoseF64, f64) -> PoseF64 {
+    let told = start.then(start_from_end);
+    let (dx, dy, turn) = (end.x - told.x, end.y - told.y, wrap(end.heading - told.heading));
+    move |start_from_pose, share| {
+        let rigid = start.then(start_from_pose);
+        let heading = wrap(rigid.heading + share * turn);
+        PoseF64::new(rigid.x + share * dx, rigid.y + share * dy, heading)
     }
 }
 

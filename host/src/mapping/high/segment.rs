@@ -120,6 +120,17 @@ impl Segment {
         });
     }
 
+    /// Its poses are these, and its end is there; what the low level told of the way stays with the graph.
+    pub(super) fn put(&mut self, poses: SegmentPoses, start_from_end: PoseF64) {
+        (self.poses, self.start_from_end) = (poses, start_from_end);
+    }
+
+    /// What the low level tells of the way: the end seen from the start, and the inverse of the covariance of that.
+    pub(super) fn told(&self) -> (PoseF64, Matrix3<f64>) {
+        let information = (self.covariance + Matrix3::from_diagonal_element(1e-8)).try_inverse();
+        (self.start_from_end, information.unwrap_or_else(|| Matrix3::from_diagonal_element(1.0)))
+    }
+
     /// True if it has gone as far as a segment should.
     pub fn is_complete(&self) -> bool {
         self.travel_m >= TRAVEL_M || self.rotation_rad >= ROTATION_DEG.to_radians()

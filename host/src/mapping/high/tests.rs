@@ -2,6 +2,9 @@ use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::sweep::SweepMotion;
 use lrfslam_core::time::{Duration, Instant};
 
+use lrfslam_core::geometry::Point2;
+use nalgebra::Matrix3;
+
 use super::*;
 
 /// A straight path of nine segments of a metre, well known.
@@ -139,6 +142,55 @@ fn room_and_corridor(half_m: f32) -> Vec<[f32; 4]> {
     let right = [(11.0, -1.0), (11.0, -1.8), (9.0, -1.8), (9.0, -1.0), (0.0, -1.0), (0.0, -half_m), (-6.0, -half_m)];
     let room = [(-6.0, -half_m), (-6.0, half_m), (0.0, half_m), (0.0, 1.0)];
     [outline(&left), outline(&right), outline(&room)].concat()
+}
+
+/// A corridor 2 m wide and 24 m long with doors to both sides, recesses 0.4 m deep.
+fn corridor_with_doors() -> Vec<[f32; 4]> {
+    let side = |y: f32, recess: f32, doors: &[f32]| {
+        let corners = |door: &f32| [(*door, y), (*door, recess), (door + 1.0, recess), (door + 1.0, y)];
+        let points = [(-6.0, 0.0), (-6.0, y)].into_iter().chain(doors.iter().flat_map(corners));
+        let points: Vec<(f32, f32)> = points.chain([(18.0, y), (18.0, 0.0)]).collect();
+        points.windows(2).map(|pair| [pair[0].0, pair[0].1, pair[1].0, pair[1].1]).collect::<Vec<_>>()
+    };
+    [side(1.0, 1.4, &[-4.5, -2.0, 2.0, 5.5, 7.5, 12.0, 15.0]), side(-1.0, -1.4, &[-3.0, 0.5, 4.0, 9.5, 11.0, 16.0])]
+        .concat()
+}
+
+/// To and fro along a corridor, and on the last way the low level takes parts of it for longer than they are, and others for shorter. As a whole it
+/// comes out right, so a closure of eight metres says little; doors do.
+#[test]
+fn what_is_too_long_within_a_stretch_is_refined() {
+    let walls = corridor_with_doors();
+    let mut high = HighSlam::new(&HighConfigs::default(), None);
+    let mut stamp = 0;
+    let mut drive = |x: f32, told_x: f32, is_told: bool| {
+        let beams = sees(&walls, Pose2::new(x, 0.0, 0.0));
+        stamp += 200_000;
+        let scan = RangeScan { stamp: Instant::from_micros(stamp), range_max_m: 30.0, beams: &beams };
+        let sweep = Sweep { scan, robot_from_lrf: Pose2::IDENTITY, motion: SweepMotion::default() };
+        let map_from_robot = Pose2::new(told_x, 0.0, 0.0);
+        let undetermined = (!is_told).then_some(Point2::new(1.0, 0.0));
+        let low = LowPose { map_from_robot, undetermined, is_lost: false, is_blind: false, is_frozen: false };
+        high.add_scan(&sweep, &low).unwrap();
+    };
+    let places: Vec<f32> = (0..=160).map(|step| -4.0 + 0.1 * f32::from(step as u16)).collect();
+    places.iter().for_each(|&x| drive(x, x, true));
+    places.iter().rev().for_each(|&x| drive(x, x, true));
+    let stretched = |x: f32| x + 0.12 * (std::f32::consts::FRAC_PI_4 * (x + 4.0)).sin();
+    places.iter().for_each(|&x| drive(x, stretched(x), false));
+    let off_m = |high: &HighSlam<'_>| {
+        let path: Vec<f32> = high.trajectory().map(|pose| pose.map_from_robot.x).collect();
+        let start = path[0];
+        let last = path.iter().rev().zip(places.iter().rev()).take(120);
+        last.map(|(x, truth)| (x - start - (truth + 4.0)).abs()).sum::<f32>() / 120.0
+    };
+    let before_m = off_m(&high);
+    let way_m = |high: &HighSlam<'_>| high.segments.iter().map(|segment| segment.travel_m).sum::<f32>();
+    let told = (high.poses(), way_m(&high), high.graph.edges().to_vec());
+    high.refine();
+    let after_m = off_m(&high);
+    assert!(before_m > 0.06 && after_m < 0.3 * before_m, "{before_m} m before, {after_m} m after");
+    assert!(told == (high.poses(), way_m(&high), high.graph.edges().to_vec()), "what was told of the way stays");
 }
 
 /// A robot is carried back to a corridor. If its latest way looks alike, and the room before it does not, it is another corridor.

@@ -39,7 +39,7 @@ pub struct About<C> {
 }
 
 impl<L: LowLevel> Run<'_, L> {
-    /// Writes the results as they are now into `folder`; the run can go on.
+    /// Writes the results as they are now into `folder`; the run can go on. One that has come to its end is [finished](Self::finish) first.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -49,6 +49,10 @@ impl<L: LowLevel> Run<'_, L> {
         about: &About<C>,
     ) -> anyhow::Result<RunReport<C>> {
         let started = WallInstant::now();
+        // Who interrupts it does not wait.
+        if matches!(about.ending, Ending::Complete | Ending::Failed) {
+            self.finish();
+        }
         let trajectory = self.trajectory();
         let map = self.drawn(&trajectory);
         // Without a known cell there is nothing to draw; the report says how many beams hit.

@@ -85,6 +85,7 @@ pub fn run_envelope(
         let step = map.add_scan(&scan.scan(), scan.robot_from_lrf.unwrap_or(robot_from_lrf), None)?;
         lost_scans += u64::from(step.odometry.is_lost);
     }
+    map.finish();
     let path = map.trajectory();
     let report = evaluate_relations(&path, relations, Duration::ZERO)?;
     let quality = results(&mut map)?;
