@@ -3,10 +3,8 @@
 //! Witnesses look through one another's walls, too: where people stand and go, doors move, or beams are few. Only what a scan looks through beyond that
 //! tells something.
 
-use super::{Outline, Testimony, outlines};
+use super::{KeyScan, Outline, Taken, Testimony, outlines};
 use crate::geometry::Point2;
-use crate::laser_odometry::KeyScan;
-use crate::laser_odometry::reference::Taken;
 
 /// Fewer points of walls in view say nothing of whether they still stand. Chosen.
 const SEEN_MIN: u16 = 16;
