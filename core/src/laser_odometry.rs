@@ -24,6 +24,8 @@ mod new_ground;
 mod open_axis;
 mod reference;
 mod sight;
+#[cfg(feature = "witnesses")]
+mod through;
 mod walls;
 #[cfg(feature = "witnesses")]
 mod witnesses;

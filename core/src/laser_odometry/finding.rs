@@ -7,7 +7,7 @@ use super::LaserOdometry;
 use super::course::Forecast;
 use super::reference::Taken;
 #[cfg(feature = "witnesses")]
-use super::witnesses;
+use super::through;
 use crate::geometry::{Point2, Pose2};
 use crate::matcher::{Match, MatcherConfig, Prediction, PriorSpread, RecoveryConfig};
 use crate::math::hypot;
@@ -164,7 +164,7 @@ impl LaserOdometry<'_> {
     #[cfg(feature = "witnesses")]
     fn looked_through(&self, taken: &Taken, hits: usize) -> f32 {
         let hits = self.hits.get(..hits).unwrap_or_default();
-        witnesses::looked_through(hits, taken, self.key_scans, self.key_points)
+        through::looked_through(hits, taken, self.key_scans, self.key_points)
     }
 
     /// Without witnesses nobody can tell.

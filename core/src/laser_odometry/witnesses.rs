@@ -14,7 +14,6 @@
 
 #[cfg(test)]
 mod tests;
-mod through;
 
 use core::cell::Cell;
 
@@ -24,7 +23,6 @@ use super::reference::Taken;
 use crate::geometry::{Point2, Pose2};
 use crate::math::wrap_angle;
 use crate::time::{Duration, Instant};
-pub(super) use through::looked_through;
 
 /// A place nearer than this to what a witness saw is no longer free, m: more than errors of pose and range.
 const CLEARANCE_M: f32 = 0.3;
@@ -55,7 +53,7 @@ const APART_DEG: f32 = 20.0;
 
 /// What a witness says of a place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Testimony {
+pub(super) enum Testimony {
     /// It was free.
     Free,
     /// Something was near.
@@ -225,8 +223,8 @@ impl Place {
 
 /// The hits of a scan as seen from its laser, and the lines between them.
 pub(super) struct Outline<'a> {
-    taken: &'a Taken,
-    points: &'a [Point2],
+    pub(super) taken: &'a Taken,
+    pub(super) points: &'a [Point2],
     /// Bearing of the first one, rad.
     start: f32,
     /// Index of the first hit behind the last place in the map …
@@ -236,7 +234,8 @@ pub(super) struct Outline<'a> {
 }
 
 impl<'a> Outline<'a> {
-    fn new(taken: &'a Taken, points: &'a [Point2]) -> Self {
+    /// * `points` — its hits, robot frame, in beam order
+    pub(super) fn new(taken: &'a Taken, points: &'a [Point2]) -> Self {
         let start = points.first().map_or(0.0, |first| (*first - taken.eye).bearing_rad());
         Self { taken, points, start, after_place: Cell::default(), after_carried: Cell::default() }
     }
@@ -266,7 +265,7 @@ impl<'a> Outline<'a> {
     }
 
     /// A place in the map as seen from its laser.
-    fn place(&self, in_map: Point2) -> Point2 {
+    pub(super) fn place(&self, in_map: Point2) -> Point2 {
         self.taken.map_from_robot.inverse().transform(in_map) - self.taken.eye
     }
 
@@ -302,7 +301,7 @@ impl<'a> Outline<'a> {
     }
 
     /// What the scan says of `place`, as seen from its laser.
-    fn testimony(&self, place: Point2) -> Testimony {
+    pub(super) fn testimony(&self, place: Point2) -> Testimony {
         let after = self.after(place, &self.after_place);
         let mut says = Testimony::None;
         for (index, a, b) in self.lines(after) {

@@ -1,3 +1,4 @@
+use super::super::through::looked_through;
 use super::*;
 use crate::time::Instant;
 use std::vec;

@@ -3,7 +3,9 @@
 //! Witnesses look through one another's walls, too: where people stand and go, doors move, or beams are few. Only what a scan looks through beyond that
 //! tells something.
 
-use super::{KeyScan, Outline, Taken, Testimony, outlines};
+use super::KeyScan;
+use super::reference::Taken;
+use super::witnesses::{Outline, Testimony, outlines};
 use crate::geometry::Point2;
 
 /// Fewer points of walls in view say nothing of whether they still stand. Chosen.
@@ -15,12 +17,7 @@ const SEEN_MIN: u16 = 16;
 /// * `hits` — of the scan, robot frame, in beam order
 /// * `taken` — where it was
 /// * `witness_points` — the hits of each witness, robot frame, in beam order
-pub(in crate::laser_odometry) fn looked_through(
-    hits: &[Point2],
-    taken: &Taken,
-    witnesses: &[KeyScan],
-    witness_points: &[Point2],
-) -> f32 {
+pub(super) fn looked_through(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], witness_points: &[Point2]) -> f32 {
     let outlines = outlines(witnesses, witness_points);
     let now = Outline::new(taken, hits);
     let mut walls = Walls::default();
