@@ -69,7 +69,7 @@ struct Stop {
 }
 
 impl HighSlam<'_> {
-    /// Moves poses within their segments to where earlier visits say; see the [module](self). For a run that is over: it takes as long as
+    /// Moves poses within their segments to where earlier visits say (`refining.rs`). For a run that is over: it takes as long as
     /// some thousand scans do for an hour in one building.
     pub fn refine(&mut self) {
         if self.particles.is_some() || !self.config.closure.enabled {
