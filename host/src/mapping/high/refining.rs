@@ -97,11 +97,9 @@ impl HighSlam<'_> {
         let segments = (0..self.segments.len()).filter(is_refined);
         segments
             .map(|k| {
-                let mut refined = Refined::new(k, &self.segments[k], node);
                 let start = self.graph.nodes()[k];
-                for (pose, (placed, _)) in refined.poses.iter_mut().zip(self.placed(k)) {
-                    pose.0 = start.between(placed);
-                }
+                let poses = self.placed(k).map(|(placed, of)| (start.between(placed), of)).collect();
+                let refined = Refined::new(k, &self.segments[k], poses, node);
                 node += refined.stops.len();
                 refined
             })
@@ -253,21 +251,21 @@ fn stops_between(closure: &Edge, found: &[(Stop, Stop, Edge)]) -> usize {
 }
 
 impl Refined {
+    /// * `poses` — as they are now, seen from its start
     /// * `node` — of its first stop
-    fn new(number: usize, segment: &Segment, node: usize) -> Self {
-        let poses: Vec<(PoseF64, SegmentPose)> =
-            segment.poses.iter().map(|pose| (PoseF64::from(pose.start_from_robot), pose)).collect();
+    fn new(number: usize, segment: &Segment, poses: Vec<(PoseF64, SegmentPose)>, node: usize) -> Self {
         let (mut stops, mut steps) = (Vec::new(), Vec::new());
         let (mut stretch, mut before, mut slack_m, mut travel_m) = (Segment::empty(), PoseF64::default(), 0.0, 0.0);
-        for (index, (pose, of)) in poses.iter().enumerate() {
-            let previous_from_robot = before.between(*pose).to_f32();
+        for (index, (_, of)) in poses.iter().enumerate() {
+            let pose = PoseF64::from(of.start_from_robot);
+            let previous_from_robot = before.between(pose).to_f32();
             let way = previous_from_robot.position();
             let is_undetermined = of.slack_m - slack_m > 2.0 * way.norm();
             // The way that nothing tells is that along which the robot drives.
             let undetermined = is_undetermined.then(|| way * (1.0 / way.norm().max(f32::MIN_POSITIVE)));
             let SegmentPose { stamp, is_lost, scan, .. } = *of;
             stretch.push(&LowStep { stamp, previous_from_robot, undetermined, is_lost, scan });
-            (before, slack_m, travel_m) = (*pose, of.slack_m, travel_m + way.norm());
+            (before, slack_m, travel_m) = (pose, of.slack_m, travel_m + way.norm());
             let is_far = stretch.travel_m >= STOP_TRAVEL_M || stretch.rotation_rad >= STOP_ROTATION_RAD;
             if is_far && segment.travel_m - travel_m >= 0.5 * STOP_TRAVEL_M {
                 stops.push((index, travel_m));

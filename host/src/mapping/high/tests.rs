@@ -1,8 +1,7 @@
+use lrfslam_core::geometry::Point2;
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::sweep::SweepMotion;
 use lrfslam_core::time::{Duration, Instant};
-
-use lrfslam_core::geometry::Point2;
 use nalgebra::Matrix3;
 
 use super::*;
