@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant as WallInstant;
+use std::time::{Duration, Instant as WallInstant};
 
 use lrfslam_core::time::Instant;
 use lrfslam_firmware_sim::fault::FaultPlan;
@@ -173,19 +173,62 @@ fn expect(name: &str, rate: f64, outcome: &Outcome) {
     assert!(outcome.source.laser_off, "{name}: {:?}", outcome.said);
 }
 
+/// A thread that asks for a processor every so often …
+const ASKS_EVERY: Duration = Duration::from_millis(20);
+/// … and gets it later than that for a larger share of the time says that others had the processors: what is on the clock of the wall is no measure then.
+const LATE_SHARE_MAX: f64 = 0.02;
+/// Then all is done again, so many times at most; the last one counts in any case.
+const ATTEMPTS: usize = 4;
+
+/// What `attempt` gives while the computer is free for it.
+fn undisturbed<T>(mut attempt: impl FnMut() -> T) -> T {
+    for _ in 1..ATTEMPTS {
+        let is_over = AtomicBool::new(false);
+        let (outcome, late_share) = std::thread::scope(|scope| {
+            let late_share = scope.spawn(|| late_share(&is_over));
+            let outcome = attempt();
+            is_over.store(true, Ordering::Relaxed);
+            (outcome, late_share.join().unwrap())
+        });
+        if late_share <= LATE_SHARE_MAX {
+            return outcome;
+        }
+        println!("no processor was free for {:.1} % of the time: once more", 100.0 * late_share);
+    }
+    attempt()
+}
+
+/// Share of the time by which a thread that sleeps is woken too late, until `is_over`.
+fn late_share(is_over: &AtomicBool) -> f64 {
+    let (started, mut asked) = (WallInstant::now(), 0);
+    while !is_over.load(Ordering::Relaxed) {
+        std::thread::sleep(ASKS_EVERY);
+        asked += 1;
+    }
+    1.0 - (ASKS_EVERY * asked).as_secs_f64() / started.elapsed().as_secs_f64()
+}
+
 /// All at once: each takes a few percent of a processor.
 fn all_models(seconds: f64) {
-    std::thread::scope(|scope| {
-        let lms200 = |baud| run(sick(SickModel::lms200(), baud, (180, 100), seconds), None);
-        scope.spawn(move || expect("LMS200, 500000 baud, 1 deg", 75.0, &lms200(500_000)));
+    let lms200 = |baud| run(sick(SickModel::lms200(), baud, (180, 100), seconds), None);
+    let models: [(&str, f64, &(dyn Fn() -> Outcome + Sync)); 5] = [
+        ("LMS200, 500000 baud, 1 deg", 75.0, &|| lms200(500_000)),
         // 97 ms on the wire: every eighth turn of the mirror.
-        scope.spawn(move || expect("LMS200, 38400 baud, 1 deg", 75.0 / 8.0, &lms200(38_400)));
-        let lms291 = move || run(sick(SickModel::lms291(), 500_000, (180, 50), seconds), None);
-        scope.spawn(move || expect("LMS291, 500000 baud, turns of 0.5 deg", 75.0, &lms291()));
+        ("LMS200, 38400 baud, 1 deg", 75.0 / 8.0, &|| lms200(38_400)),
+        ("LMS291, 500000 baud, turns of 0.5 deg", 75.0, &|| {
+            run(sick(SickModel::lms291(), 500_000, (180, 50), seconds), None)
+        }),
         // 185 ms on the wire, from the end of a sweep: every second turn.
-        scope.spawn(move || expect("URG-04LX, 115200 baud", 5.0, &run(urg(115_200, seconds), None)));
-        scope.spawn(move || expect("UTM-30LX, USB", 40.0, &run(utm(seconds), None)));
+        ("URG-04LX, 115200 baud", 5.0, &|| run(urg(115_200, seconds), None)),
+        ("UTM-30LX, USB", 40.0, &|| run(utm(seconds), None)),
+    ];
+    let outcomes = undisturbed(|| {
+        std::thread::scope(|scope| {
+            let running = models.map(|(_, _, model)| scope.spawn(model));
+            running.map(|outcome| outcome.join().unwrap())
+        })
     });
+    models.iter().zip(&outcomes).for_each(|((name, rate, _), outcome)| expect(name, *rate, outcome));
 }
 
 #[test]
@@ -202,7 +245,7 @@ fn every_model_holds_its_rate_over_a_terminal_for_five_minutes() {
 #[test]
 fn unplugging_and_faults_over_a_terminal_are_survived() {
     let plan = FaultPlan::parse("damage=0.05,unplug=4").unwrap();
-    let outcome = run(Setup { plan, ..utm(10.0) }, None);
+    let outcome = undisturbed(|| run(Setup { plan, ..utm(10.0) }, None));
     assert_eq!(outcome.damaged, 0);
     assert!(outcome.scans > 100, "{}: {:?}", outcome.scans, outcome.said);
     let unplugged = outcome.said.iter().filter(|text| text.contains("unplugged")).count();
@@ -214,7 +257,11 @@ fn recording_replays_exactly_also_when_cut() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.lrfrec");
     let plan = FaultPlan::parse("damage=0.05,unplug=3").unwrap();
-    let outcome = run(Setup { plan, ..sick(SickModel::lms200(), 500_000, (180, 100), 6.0) }, Some(&path));
+    let setup = || Setup { plan, ..sick(SickModel::lms200(), 500_000, (180, 100), 6.0) };
+    let outcome = undisturbed(|| {
+        _ = std::fs::remove_file(&path);
+        run(setup(), Some(&path))
+    });
     let replay = |path: &Path| {
         let mut scans = 0;
         let source = ScanSource::Recording { path: path.to_owned(), fast: true };
