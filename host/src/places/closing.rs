@@ -198,44 +198,23 @@ impl Closer {
 
     /// Finds `query` in `place` where it is known to be about, `coarse`; its pose there, if it is near and nothing speaks against it.
     pub fn find_near(&mut self, query: &Submap, place: &Submap, coarse: Pose2) -> Option<Place> {
-        let found = self.refine(query, place, [coarse].into_iter())?;
-        self.agree(query, place, found.pose).then_some(found)
+        let found = self.refine(query, place, coarse)?;
+        let near = coarse.between(found.pose);
+        let is_near = near.position().norm() < REFINED_WITHIN_M && near.heading.abs() < REFINED_WITHIN_RAD;
+        (is_near && self.agree(query, place, found.pose)).then_some(found)
     }
 
-    /// The same for one that may lie anywhere in a small `window`, on whose other places nothing needs to be said: from its centre and from the place where
-    /// most points lie on walls, whichever fits better.
-    ///
-    /// * `grid` — that of `place`
-    pub fn find_about(
-        &mut self,
-        grid: &CorrelationGrid,
-        query: &Submap,
-        place: &Submap,
-        window: &SearchWindow,
-    ) -> Option<Place> {
-        let points = thinned(query.points(), QUERY_POINTS);
-        let best = grid.search(&points, window, CLOSING.likelihood_min, None);
-        let starts = [window.centre].into_iter().chain(best.map(|best| best.pose));
-        let found = self.refine(query, place, starts)?;
-        self.agree(query, place, found.pose).then_some(found)
-    }
-
-    /// The best optimum of the NDT that is near to one of `starts`, of which there is one at least, if something is known about every axis.
-    fn refine(&mut self, query: &Submap, place: &Submap, starts: impl Iterator<Item = Pose2> + Clone) -> Option<Place> {
+    /// The optimum of the NDT near `coarse`, if something is known about every axis.
+    fn refine(&mut self, query: &Submap, place: &Submap, coarse: Pose2) -> Option<Place> {
         let mut ndt = NdtGrid::new(&self.ndt, &mut self.directory, &mut self.tiles).ok()?;
         let reach_m = query.points().iter().map(|point| point.norm()).fold(0.0, f32::max) + 1.0;
-        let near = |point: &&Point2| starts.clone().any(|start| (**point - start.position()).norm() <= reach_m);
+        let near = |point: &&Point2| (**point - coarse.position()).norm() <= reach_m;
         ndt.insert(&place.points().iter().filter(near).copied().collect::<Vec<_>>(), Pose2::IDENTITY);
         let matcher = MatcherConfig { prior_position_m: 0.0, prior_heading_deg: 0.0, ..MatcherConfig::default() };
         let mut none: [Member<3>; 0] = [];
         let matcher = ScanMatcher::new(&SearchConfig::default(), &DeConfig::default(), &matcher, &mut none);
-        let from = |start| (start, matcher.align_locally(&ndt, query.points(), &Prediction::usual(start, 0.0)));
-        let is_near = |(start, pose): &(Pose2, Pose2)| {
-            let off = start.between(*pose);
-            off.position().norm() < REFINED_WITHIN_M && off.heading.abs() < REFINED_WITHIN_RAD
-        };
-        let scored = starts.map(from).filter(is_near).map(|(_, pose)| (ndt.score(query.points(), pose), pose));
-        let (_, pose) = scored.reduce(|best, other| if other.0 > best.0 { other } else { best })?;
+        let prediction = Prediction::usual(coarse, 0.0);
+        let pose = matcher.align_locally(&ndt, query.points(), &prediction);
         let [xx, xy, yy] = ndt.constraint(query.points(), pose);
         let spread = (0.5 * (xx - yy)).hypot(xy);
         let constraint = 0.5 * (xx + yy) - spread;

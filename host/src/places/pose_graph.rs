@@ -25,9 +25,6 @@ const CHI2_DOUBTED: f64 = 12.0;
 /// So many times the worst χ²: every closure is believed to nine tenths and more there.
 const ALIKE: f64 = 20.0;
 
-/// χ² at which an edge of the way counts half, where it may slip; see [`PoseGraph::let_way_slip`].
-const CHI2_SLIPPED: f64 = 6.0;
-
 /// What was measured between two nodes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Edge {
@@ -50,12 +47,11 @@ pub struct PoseGraph {
     edges: Vec<Edge>,
     /// Variances of all edges but closures are so many times what these say.
     variance_factor: f64,
-    way_slips: bool,
 }
 
 impl Default for PoseGraph {
     fn default() -> Self {
-        Self { nodes: Vec::new(), edges: Vec::new(), variance_factor: 1.0, way_slips: false }
+        Self { nodes: Vec::new(), edges: Vec::new(), variance_factor: 1.0 }
     }
 }
 
@@ -195,12 +191,6 @@ impl PoseGraph {
         self.variance_factor = factor;
     }
 
-    /// From now on edges that are no closures count the less, too, the worse they fit (Cauchy's kernel): a single step of the way gives way where closures
-    /// before and behind agree among themselves.
-    pub fn let_way_slip(&mut self) {
-        self.way_slips = true;
-    }
-
     /// Takes a node out of what is solved: it moves with the older node `on` from now on, and the way that led through it leads through
     /// there. Its closures are forgotten. False if that cannot be: it is no plain part of a way.
     ///
@@ -287,8 +277,7 @@ impl PoseGraph {
         for edge in &self.edges {
             let (Some(from), Some(to)) = (free[edge.from], free[edge.to]) else { continue };
             let believed = || (scale / (scale + edge.chi2(&self.nodes))).powi(2);
-            let slipped = || if self.way_slips { edge.chi2(&self.nodes) / CHI2_SLIPPED } else { 0.0 };
-            let weight = if edge.is_closure { believed() } else { 1.0 / ((1.0 + slipped()) * self.variance_factor) };
+            let weight = if edge.is_closure { believed() } else { 1.0 / self.variance_factor };
             let information = edge.information * weight;
             let Linear { error, by_from, by_to } = edge.linearise(self.nodes[edge.from], self.nodes[edge.to]);
             let ends = [(from, by_from), (to, by_to)];

@@ -5,9 +5,8 @@
 //!
 //! stops, a metre apart → the scans about each, matched against every earlier visit → a graph of stops, solved → poses between them.
 //!
-//! Between stops the low level's steps count, with the drift that segments have; where many stops say that it slipped on its way from one to the next, that
-//! step counts the less. A visit counts only if the graph is as sure of where it lies as what the low level is matched against, and is looked for within
-//! some decimetres. A closure that several stops say in more detail does not count then.
+//! Between stops the low level's steps count, with the drift that segments have. Nothing is searched for: a visit counts only if the graph is as sure of
+//! where it lies as what the low level is matched against, and the match must be near. A closure that several stops say in more detail does not count then.
 
 use std::collections::BTreeMap;
 
@@ -20,7 +19,6 @@ use super::placing::{
 };
 use super::segment::{LowStep, Segment, SegmentPose, TRAVEL_M};
 use crate::places::closing::Closure;
-use crate::places::correlation::{CorrelationGrid, SearchWindow};
 use crate::places::pose_graph::{Edge, PoseGraph};
 use crate::places::reach_from;
 use crate::places::submap::Submap;
@@ -38,10 +36,6 @@ const STOP_STEP_M: f32 = 0.1;
 const STOP_STEP_RAD: f32 = 0.05;
 /// A stop of an earlier visit is as near as this, m.
 const NEAR_M: f64 = 3.0;
-/// The stop is looked for there as far as this from where it is thought to be, m …
-const SEARCH_M: f32 = 0.4;
-/// … and so far turned, rad.
-const SEARCH_RAD: f32 = 0.03;
 /// Way of that visit that is matched against, before and behind its segment's start, m.
 const VISIT_TRAVEL_M: f32 = 5.0;
 /// A closure does not count where so many stops say it in more detail: half of those of a stretch.
@@ -72,19 +66,6 @@ struct Stop {
     place: PoseF64,
     /// From the beginning of the path, m.
     way_m: f32,
-}
-
-/// What stops are matched against.
-struct Visit {
-    walls: Submap,
-    /// How near any place is to them; `None` without any.
-    grid: Option<CorrelationGrid>,
-}
-
-impl Visit {
-    fn new(walls: Submap) -> Self {
-        Self { grid: CorrelationGrid::new(walls.points()), walls }
-    }
 }
 
 impl HighSlam<'_> {
@@ -165,7 +146,7 @@ impl HighSlam<'_> {
     /// What earlier visits say of each stop: pairs of stops, the earlier one first, and their closure.
     fn matched_stops(&mut self, stops: &[Stop]) -> Vec<(Stop, Stop, Edge)> {
         let mut found = Vec::new();
-        let (mut visits, mut visits_before) = (BTreeMap::<usize, Visit>::new(), BTreeMap::new());
+        let (mut visits, mut visits_before) = (BTreeMap::<usize, Submap>::new(), BTreeMap::new());
         let mut reached = (usize::MAX, Vec::new());
         for (index, stop) in stops.iter().enumerate() {
             if reached.0 != stop.segment {
@@ -187,13 +168,11 @@ impl HighSlam<'_> {
                 let start = earlier.segment;
                 let visit = visits.entry(start).or_insert_with(|| {
                     let about = || self.segments_about(start, VISIT_TRAVEL_M, VISIT_TRAVEL_M);
-                    visits_before.remove(&start).unwrap_or_else(|| Visit::new(self.submap(about(), start)))
+                    visits_before.remove(&start).unwrap_or_else(|| self.submap(about(), start))
                 });
-                let Visit { walls, grid: Some(grid) } = visit else { continue };
                 let start = self.graph.nodes()[start];
                 let centre = start.between(stop.place).to_f32();
-                let window = SearchWindow { centre, distance_m: SEARCH_M, heading_rad: SEARCH_RAD };
-                let Some(place) = self.closer.find_about(grid, &query, walls, &window) else { continue };
+                let Some(place) = self.closer.find_near(&query, visit, centre) else { continue };
                 let turned = Pose2::new(0.0, 0.0, wrap(start.heading - earlier.place.heading) as f32);
                 let closure = Closure {
                     older: earlier.node,
@@ -238,7 +217,6 @@ impl HighSlam<'_> {
         inside.for_each(|stop| _ = graph.add_node(stop.place));
         refined.iter().flat_map(Refined::edges).for_each(|edge| graph.add_edge(edge));
         found.iter().for_each(|(_, _, edge)| graph.add_edge(*edge));
-        graph.let_way_slip();
         let doubted = graph.solve();
         if !doubted.is_empty() {
             graph.remove_edges(&doubted);

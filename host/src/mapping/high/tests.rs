@@ -1,14 +1,10 @@
 use lrfslam_core::geometry::Point2;
-use lrfslam_core::ndt::NdtConfig;
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::sweep::SweepMotion;
 use lrfslam_core::time::{Duration, Instant};
 use nalgebra::Matrix3;
 
 use super::*;
-use crate::places::closing::Place;
-use crate::places::correlation::{CorrelationGrid, SearchWindow};
-use crate::places::submap::Submap;
 
 /// A straight path of nine segments of a metre, well known.
 fn straight() -> HighSlam<'static> {
@@ -194,37 +190,6 @@ fn what_is_too_long_within_a_stretch_is_refined() {
     let after_m = off_m(&high);
     assert!(before_m > 0.06 && after_m < 0.3 * before_m, "{before_m} m before, {after_m} m after");
     assert!(told == (high.poses(), way_m(&high), high.graph.edges().to_vec()), "what was told of the way stays");
-}
-
-/// What is seen from a place along a corridor is thought to be seen a third of a metre farther on, where a match would begin at the wrong side of doors.
-#[test]
-fn a_stop_is_found_though_it_is_thought_to_be_decimetres_away() {
-    let walls = corridor_with_doors();
-    let (mut scans, mut poses) = (ScanStore::default(), Vec::new());
-    for step in 0..=160_u16 {
-        let at = Pose2::new(-4.0 + 0.1 * f32::from(step), 0.0, 0.0);
-        let scan = RangeScan { stamp: Instant::from_micros(0), range_max_m: 30.0, beams: &sees(&walls, at) };
-        scans.add(&Sweep { scan, robot_from_lrf: Pose2::IDENTITY, motion: SweepMotion::default() });
-        poses.push(at);
-    }
-    let about = |place: Pose2, within_m: f32| {
-        let seen = poses.iter().zip(0..).map(|(pose, scan)| (place.inverse() * *pose, scan));
-        let near: Vec<_> = seen.filter(|(pose, _)| pose.position().norm() <= within_m).collect();
-        Submap::new(near.into_iter(), &scans, 4.0)
-    };
-    let mut closer = Closer::new(&NdtConfig::default());
-    let (mut begun_there, mut searched) = (0, 0);
-    for metres in 0..10_u8 {
-        let place = Pose2::new(f32::from(metres), 0.0, 0.0);
-        let (query, visit) = (about(place, 0.75), about(place, 5.0));
-        let grid = CorrelationGrid::new(visit.points()).unwrap();
-        let is_right = |found: Option<Place>| found.is_some_and(|found| found.pose.position().norm() < 0.05);
-        let centre = Pose2::new(0.35, 0.0, 0.0);
-        let window = SearchWindow { centre, distance_m: 0.4, heading_rad: 0.03 };
-        begun_there += usize::from(is_right(closer.find_near(&query, &visit, centre)));
-        searched += usize::from(is_right(closer.find_about(&grid, &query, &visit, &window)));
-    }
-    assert!(searched >= 9 && begun_there <= 3, "{searched} of 10 found, and {begun_there} of 10 without a search");
 }
 
 /// A robot is carried back to a corridor. If its latest way looks alike, and the room before it does not, it is another corridor.
