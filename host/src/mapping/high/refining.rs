@@ -40,8 +40,8 @@ const NEAR_M: f64 = 3.0;
 const VISIT_TRAVEL_M: f32 = 5.0;
 /// A closure does not count where so many stops say it in more detail: half of those of a stretch.
 const STOPS_INSTEAD: usize = (QUERY_TRAVEL_M / STOP_TRAVEL_M) as usize / 2;
-/// The few scans of a stop tell its heading less surely than a stretch: its standard deviation is so many times that of a closure.
-const STOP_HEADING: f64 = 2.0;
+/// Stops that take a closure's place tell together what it told: the standard deviations of each are so many times a closure's, √4.
+const STOP_SIGMA: f64 = 2.0;
 /// Stops are matched so many times, each time from where they were put last. All chosen.
 const ROUNDS: usize = 2;
 
@@ -182,7 +182,7 @@ impl HighSlam<'_> {
                     weak_axis: place.weak_axis.map(|axis| turned.transform(axis)),
                 };
                 let mut edge = closure.edge();
-                edge.information[(2, 2)] /= STOP_HEADING * STOP_HEADING;
+                edge.information /= STOP_SIGMA * STOP_SIGMA;
                 found.push((earlier, *stop, edge));
             }
         }
