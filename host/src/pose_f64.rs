@@ -40,6 +40,15 @@ impl PoseF64 {
         Self::new(cos * dx + sin * dy, cos * dy - sin * dx, wrap(other.heading - self.heading))
     }
 
+    /// Halfway from this pose to `other`.
+    pub fn midway(self, other: Self) -> Self {
+        Self {
+            x: 0.5 * (self.x + other.x),
+            y: 0.5 * (self.y + other.y),
+            heading: wrap(self.heading + 0.5 * wrap(other.heading - self.heading)),
+        }
+    }
+
     /// Distance of the position from the origin, m.
     pub fn distance_m(self) -> f64 {
         self.x.hypot(self.y)

@@ -329,4 +329,6 @@ impl<'m> HighSlam<'m> {
 }
 
 #[cfg(test)]
+pub(crate) mod test_world;
+#[cfg(test)]
 mod tests;

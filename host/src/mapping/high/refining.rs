@@ -6,7 +6,7 @@
 //! stops, a metre apart → the scans about each, matched against every earlier visit → a graph of stops, solved → poses between them.
 //!
 //! Between stops the low level's steps count, with the drift that segments have. Nothing is searched for: a visit counts only if the graph is as sure of
-//! where it lies as what the low level is matched against, and the match must be near. A closure that several stops say in more detail does not count then.
+//! where it lies as what the low level is matched against, and it must be near, matched both ways. A closure that several stops say in more detail does not count then.
 
 use std::collections::BTreeMap;
 
@@ -38,12 +38,14 @@ const STOP_STEP_RAD: f32 = 0.05;
 const NEAR_M: f64 = 3.0;
 /// Way of that visit that is matched against, before and behind its segment's start, m.
 const VISIT_TRAVEL_M: f32 = 5.0;
+/// Matched both ways, two stops lie as near as this to where they lay the other way, m.
+const BOTH_WAYS_M: f64 = 0.1;
 /// A closure does not count where so many stops say it in more detail: half of those of a stretch.
 const STOPS_INSTEAD: usize = (QUERY_TRAVEL_M / STOP_TRAVEL_M) as usize / 2;
-/// Stops that take a closure's place tell together what it told: the standard deviations of each are so many times a closure's, √4.
-const STOP_SIGMA: f64 = 2.0;
+/// The few scans of a stop tell its heading less surely than a stretch: its standard deviation is so many times that of a closure.
+const STOP_HEADING: f64 = 2.0;
 /// Stops are matched so many times, each time from where they were put last. All chosen.
-const ROUNDS: usize = 2;
+const ROUNDS: usize = 3;
 
 /// A segment whose poses are refined.
 struct Refined {
@@ -68,9 +70,35 @@ struct Stop {
     way_m: f32,
 }
 
+/// Submaps that were made for the stops of this segment and of the one before: most are met again.
+#[derive(Default)]
+struct Recent {
+    now: BTreeMap<usize, Submap>,
+    before: BTreeMap<usize, Submap>,
+}
+
+impl Recent {
+    fn of(&mut self, key: usize, make: impl FnOnce() -> Submap) -> &Submap {
+        let Self { now, before } = self;
+        now.entry(key).or_insert_with(|| before.remove(&key).unwrap_or_else(make))
+    }
+
+    /// To the next segment.
+    fn go_on(&mut self) {
+        self.before = std::mem::take(&mut self.now);
+    }
+}
+
+/// What is matched: the scans about stops, by node, and the way about them, by segment.
+#[derive(Default)]
+struct Matched {
+    stops: Recent,
+    ways: Recent,
+}
+
 impl HighSlam<'_> {
     /// Moves poses within their segments to where earlier visits say (`refining.rs`). For a run that is over: it takes as long as
-    /// some thousand scans do for an hour in one building.
+    /// some thousands of scans do for an hour in one building.
     pub fn refine(&mut self) {
         if self.particles.is_some() || !self.config.closure.enabled {
             return;
@@ -144,49 +172,52 @@ impl HighSlam<'_> {
     }
 
     /// What earlier visits say of each stop: pairs of stops, the earlier one first, and their closure.
+    ///
+    /// Few scans in a longer way are drawn a centimetre or two towards where more walls are seen of it. So they are matched both ways: what is seen of the earlier
+    /// stop in the newer way is drawn as far to the other side.
     fn matched_stops(&mut self, stops: &[Stop]) -> Vec<(Stop, Stop, Edge)> {
         let mut found = Vec::new();
-        let (mut visits, mut visits_before) = (BTreeMap::<usize, Submap>::new(), BTreeMap::new());
+        let mut submaps = Matched::default();
         let mut reached = (usize::MAX, Vec::new());
         for (index, stop) in stops.iter().enumerate() {
             if reached.0 != stop.segment {
                 reached = (stop.segment, reach_from(&self.graph, stop.segment));
-                // Those of the last segment are mostly met again.
-                visits_before = std::mem::take(&mut visits);
+                submaps.stops.go_on();
+                submaps.ways.go_on();
             }
             let sigma_max = f64::from(REFERENCE_SIGMA_M);
             let is_sure = |earlier: &Stop| {
                 reached.1[earlier.segment].is_some_and(|reach| reach.position_m() <= sigma_max)
                     && self.pieces.of_index(earlier.segment) == self.pieces.of_index(stop.segment)
             };
-            let earlier = nearest_visits(stop, &stops[..index], is_sure);
-            if earlier.is_empty() {
-                continue;
-            }
-            let query = self.scans_about(stop);
-            for earlier in earlier {
-                let start = earlier.segment;
-                let visit = visits.entry(start).or_insert_with(|| {
-                    let about = || self.segments_about(start, VISIT_TRAVEL_M, VISIT_TRAVEL_M);
-                    visits_before.remove(&start).unwrap_or_else(|| self.submap(about(), start))
-                });
-                let start = self.graph.nodes()[start];
-                let centre = start.between(stop.place).to_f32();
-                let Some(place) = self.closer.find_near(&query, visit, centre) else { continue };
-                let turned = Pose2::new(0.0, 0.0, wrap(start.heading - earlier.place.heading) as f32);
-                let closure = Closure {
-                    older: earlier.node,
-                    newer: stop.node,
-                    older_from_newer: earlier.place.between(start.then(PoseF64::from(place.pose))),
-                    moves_m: (place.pose.position() - centre.position()).norm(),
-                    weak_axis: place.weak_axis.map(|axis| turned.transform(axis)),
-                };
-                let mut edge = closure.edge();
-                edge.information /= STOP_SIGMA * STOP_SIGMA;
+            for earlier in nearest_visits(stop, &stops[..index], is_sure) {
+                let Some(there) = self.matched(stop, &earlier, &mut submaps) else { continue };
+                let back = self.matched(&earlier, stop, &mut submaps);
+                let Some(older_from_newer) = both_ways(&there, back.as_ref()) else { continue };
+                let mut edge = Closure { older_from_newer, ..there }.edge();
+                edge.information[(2, 2)] /= STOP_HEADING * STOP_HEADING;
                 found.push((earlier, *stop, edge));
             }
         }
         found
+    }
+
+    /// Where the scans about `stop` lie in the way about `visit`, as the closure between these two.
+    fn matched(&mut self, stop: &Stop, visit: &Stop, submaps: &mut Matched) -> Option<Closure> {
+        let query = submaps.stops.of(stop.node, || self.scans_about(stop));
+        let about = || self.segments_about(visit.segment, VISIT_TRAVEL_M, VISIT_TRAVEL_M);
+        let way = submaps.ways.of(visit.segment, || self.submap(about(), visit.segment));
+        let start = self.graph.nodes()[visit.segment];
+        let centre = start.between(stop.place).to_f32();
+        let found = self.closer.find_near(query, way, centre)?;
+        let turned = Pose2::new(0.0, 0.0, wrap(start.heading - visit.place.heading) as f32);
+        Some(Closure {
+            older: visit.node,
+            newer: stop.node,
+            older_from_newer: visit.place.between(start.then(PoseF64::from(found.pose))),
+            moves_m: (found.pose.position() - centre.position()).norm(),
+            weak_axis: found.weak_axis.map(|axis| turned.transform(axis)),
+        })
     }
 
     /// The scans about a stop, of the same stretch, in its frame.
@@ -224,6 +255,15 @@ impl HighSlam<'_> {
         }
         graph
     }
+}
+
+/// Where `there` says that the newer stop is seen from the older one, halfway to what `back` says, which is the older one matched with the newer one's way, if
+/// that was found; nowhere if they disagree.
+fn both_ways(there: &Closure, back: Option<&Closure>) -> Option<PoseF64> {
+    let Some(back) = back else { return Some(there.older_from_newer) };
+    let back = back.older_from_newer.between(PoseF64::default());
+    let agree = there.older_from_newer.between(back).distance_m() <= BOTH_WAYS_M;
+    agree.then(|| there.older_from_newer.midway(back))
 }
 
 /// Stops of earlier visits near `stop`, the nearest of each.

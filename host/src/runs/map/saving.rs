@@ -169,3 +169,38 @@ impl<L: LowLevel> Run<'_, L> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mapping::MappingConfig;
+    use crate::mapping::high::test_world::{stretched, to_and_fro};
+    use crate::results::quality::Fit;
+    use crate::results::report::Input;
+    use crate::runs::map::ScanPlace;
+    use crate::scans::log::LogCounts;
+
+    /// Who interrupts a run, or looks at it on the way, does not wait for its path to be refined; at its end it is, once.
+    #[test]
+    fn path_is_refined_at_the_end_of_a_run_and_only_there() {
+        let config = MappingConfig::default();
+        let mut run = Run::told(&config, 1).unwrap();
+        to_and_fro(stretched, false, 0.0, |sweep, low| {
+            let (stamp, step) = (sweep.scan.stamp, run.scans());
+            let place = ScanPlace { stamp, step, step_from_robot: Pose2::IDENTITY, fit: Fit::from(low) };
+            run.place(sweep, low, place, true).unwrap();
+        });
+        let folder = tempfile::tempdir().unwrap();
+        let mut path_after = |ending: Ending| {
+            let input = Input { name: "test".to_owned(), sha256: None, bytes: 0, format: None };
+            let source = Source::Log { input, log: LogCounts::default(), range_max_m: 30.0 };
+            run.write_into(folder.path(), &About { config: config.slam, source, odometry: false, ending, fault: None })
+                .unwrap();
+            std::fs::read(folder.path().join("trajectory.tum")).unwrap()
+        };
+        let [running, interrupted] = [Ending::Running, Ending::Interrupted].map(&mut path_after);
+        let [complete, again, later] = [Ending::Complete, Ending::Complete, Ending::Interrupted].map(&mut path_after);
+        assert!(running == interrupted && complete != running, "only a run that is over is refined");
+        assert!(complete == again && complete == later, "and only once");
+    }
+}
