@@ -91,6 +91,12 @@ mod tests {
     }
 
     #[test]
+    fn midway_goes_the_short_way_round() {
+        let middle = PoseF64::new(1.0, 4.0, 3.0).midway(PoseF64::new(2.0, 2.0, -3.0));
+        assert!(middle.x == 1.5 && middle.y == 3.0 && (middle.heading - PI).abs() < 1e-12, "{middle:?}");
+    }
+
+    #[test]
     fn wrap_is_half_open() {
         assert_eq!(wrap(PI), PI);
         assert_eq!(wrap(-PI), PI);

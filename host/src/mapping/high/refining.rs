@@ -259,7 +259,7 @@ impl HighSlam<'_> {
 
 /// Where `there` says that the newer stop is seen from the older one, halfway to what `back` says, which is the older one matched with the newer one's way, if
 /// that was found; nowhere if they disagree.
-fn both_ways(there: &Closure, back: Option<&Closure>) -> Option<PoseF64> {
+pub(super) fn both_ways(there: &Closure, back: Option<&Closure>) -> Option<PoseF64> {
     let Some(back) = back else { return Some(there.older_from_newer) };
     let back = back.older_from_newer.between(PoseF64::default());
     let agree = there.older_from_newer.between(back).distance_m() <= BOTH_WAYS_M;

@@ -133,6 +133,16 @@ fn what_is_too_long_within_a_stretch_is_refined() {
     assert!(told == (high.poses(), way_m(&high), high.graph.edges().to_vec()), "what was told of the way stays");
 }
 
+#[test]
+fn stops_matched_both_ways_lie_halfway_if_these_agree() {
+    let there = closure(3, 0.0);
+    let back = |x| Closure { older_from_newer: PoseF64::new(x, 0.0, 0.0), ..closure(3, 0.0) };
+    let lies_at = |back: Option<Closure>| refining::both_ways(&there, back.as_ref()).map(|pose| pose.x);
+    assert!((lies_at(Some(back(-3.06))).unwrap() - 3.03).abs() < 1e-12);
+    assert_eq!(lies_at(Some(back(-3.2))), None, "they disagree");
+    assert_eq!(lies_at(None), Some(3.0), "found one way only");
+}
+
 /// What the low level tells well is not made worse by what noisy hits say of a few scans.
 #[test]
 fn what_is_told_well_stays() {
