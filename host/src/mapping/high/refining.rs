@@ -6,7 +6,8 @@
 //! stops, a metre apart → the scans about each, matched against every earlier visit → a graph of stops, solved → poses between them.
 //!
 //! Between stops the low level's steps count, with the drift that segments have. Nothing is searched for: a visit counts only if the graph is as sure of
-//! where it lies as what the low level is matched against, and it must be near, matched both ways. A closure that several stops say in more detail does not count then.
+//! where it lies as what the low level is matched against, and the match must be near. Where both are found in the other's way, they must agree.
+//! A closure that several stops say in more detail does not count then.
 
 use std::collections::BTreeMap;
 
