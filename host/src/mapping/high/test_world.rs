@@ -28,6 +28,12 @@ pub(crate) fn sees(walls: &[[f32; 4]], at: Pose2) -> Vec<Beam> {
     (-90..=90).map(|degrees| beam((degrees as f32).to_radians())).collect()
 }
 
+/// What it saw, `stamp_us` microseconds after the start, taken at once.
+pub(crate) fn sweep_of(beams: &[Beam], stamp_us: i64) -> Sweep<'_> {
+    let scan = RangeScan { stamp: Instant::from_micros(stamp_us), range_max_m: 30.0, beams };
+    Sweep { scan, robot_from_lrf: Pose2::IDENTITY, motion: SweepMotion::default() }
+}
+
 /// A room 6 m long, `half_m` to each side, and a corridor 2 m wide and 16 m long out of it with a niche and a corner.
 pub(crate) fn room_and_corridor(half_m: f32) -> Vec<[f32; 4]> {
     let outline = |points: &[(f32, f32)]| -> Vec<[f32; 4]> {
@@ -74,12 +80,10 @@ pub(crate) fn to_and_fro(
             }
         }
         stamp += 200_000;
-        let scan = RangeScan { stamp: Instant::from_micros(stamp), range_max_m: 30.0, beams: &beams };
-        let sweep = Sweep { scan, robot_from_lrf: Pose2::IDENTITY, motion: SweepMotion::default() };
         let map_from_robot = Pose2::new(told_x, 0.0, 0.0);
         let undetermined = (!is_told).then_some(Point2::new(1.0, 0.0));
         let low = LowPose { map_from_robot, undetermined, is_lost: false, is_blind: false, is_frozen: false };
-        take(&sweep, &low);
+        take(&sweep_of(&beams, stamp), &low);
     };
     let places: Vec<f32> = (0..=160).map(|step| -4.0 + 0.1 * f32::from(step as u16)).collect();
     places.iter().for_each(|&x| drive(x, x, true));

@@ -1,9 +1,6 @@
-use lrfslam_core::scan::RangeScan;
-use lrfslam_core::sweep::SweepMotion;
-use lrfslam_core::time::Instant;
 use nalgebra::Matrix3;
 
-use super::test_world::{room_and_corridor, sees, stretched, to_and_fro};
+use super::test_world::{room_and_corridor, sees, stretched, sweep_of, to_and_fro};
 use super::*;
 
 /// A straight path of nine segments of a metre, well known.
@@ -165,11 +162,9 @@ fn pieces_are_not_joined_if_the_way_before_says_otherwise() {
                 let at = Pose2::new(-4.0 + 0.1 * f32::from(step), 0.0, 0.0);
                 let beams = sees(&room_and_corridor(half_m), at);
                 stamp += 200_000;
-                let scan = RangeScan { stamp: Instant::from_micros(stamp), range_max_m: 30.0, beams: &beams };
-                let sweep = Sweep { scan, robot_from_lrf: Pose2::IDENTITY, motion: SweepMotion::default() };
                 let low =
                     LowPose { map_from_robot: at, undetermined: None, is_lost, is_blind: false, is_frozen: false };
-                high.add_scan(&sweep, &low).unwrap();
+                high.add_scan(&sweep_of(&beams, stamp), &low).unwrap();
             }
         };
         drive(&mut high, 4.0, false, 160);
