@@ -5,9 +5,10 @@
 //!
 //! stops, a metre apart → the scans about each, matched against every earlier visit → a graph of stops, solved → poses between them.
 //!
-//! Between stops the low level's steps count, with the drift that segments have. Nothing is searched for: a visit counts only if the graph is as sure of
-//! where it lies as what the low level is matched against, and the match must be near. Where both are found in the other's way, they must agree.
-//! A closure that several stops say in more detail does not count then.
+//! Between stops the low level's steps count, with the drift that segments have. A visit counts only if the graph is as sure of where it lies as what the low
+//! level is matched against. Each is matched in the other's way, near where it is thought to be, and both must agree. A door that lies half a metre off in
+//! one of them is met by its own edge then, or by another: the best place within a step is searched for as well. If it is another one, it counts if both ways say
+//! so, and else neither does. A closure that several stops say in more detail does not count then.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +20,8 @@ use super::placing::{
     CANDIDATES, GAP_TRAVEL_M, PLACE_TRAVEL_M, QUERY_TRAVEL_M, REFERENCE_SIGMA_M, apart, between_nodes,
 };
 use super::segment::{LowStep, Segment, SegmentPose, TRAVEL_M};
-use crate::places::closing::Closure;
+use crate::places::closing::{Closure, Place};
+use crate::places::correlation::SearchWindow;
 use crate::places::pose_graph::{Edge, PoseGraph};
 use crate::places::reach_from;
 use crate::places::submap::Submap;
@@ -39,8 +41,12 @@ const STOP_STEP_RAD: f32 = 0.05;
 const NEAR_M: f64 = 3.0;
 /// Way of that visit that is matched against, before and behind its segment's start, m.
 const VISIT_TRAVEL_M: f32 = 5.0;
-/// Matched both ways, two stops lie as near as this to where they lay the other way, m.
-const BOTH_WAYS_M: f64 = 0.1;
+/// The best place is searched for within this, to each side, m …
+const SEARCH_M: f32 = 0.8;
+/// … and rad.
+const SEARCH_RAD: f32 = 0.05;
+/// Two places that are as near as this are the same, m.
+const SAME_M: f64 = 0.1;
 /// A closure does not count where so many stops say it in more detail: half of those of a stretch.
 const STOPS_INSTEAD: usize = (QUERY_TRAVEL_M / STOP_TRAVEL_M) as usize / 2;
 /// The few scans of a stop tell its heading less surely than a stretch: its standard deviation is so many times that of a closure.
@@ -192,10 +198,10 @@ impl HighSlam<'_> {
                     && self.pieces.of_index(earlier.segment) == self.pieces.of_index(stop.segment)
             };
             for earlier in nearest_visits(stop, &stops[..index], is_sure) {
-                let Some(there) = self.matched(stop, &earlier, &mut submaps) else { continue };
+                let there = self.matched(stop, &earlier, &mut submaps);
                 let back = self.matched(&earlier, stop, &mut submaps);
-                let Some(older_from_newer) = both_ways(&there, back.as_ref()) else { continue };
-                let mut edge = Closure { older_from_newer, ..there }.edge();
+                let Some(closure) = there.and_back(back) else { continue };
+                let mut edge = closure.edge();
                 edge.information[(2, 2)] /= STOP_HEADING * STOP_HEADING;
                 found.push((earlier, *stop, edge));
             }
@@ -203,22 +209,26 @@ impl HighSlam<'_> {
         found
     }
 
-    /// Where the scans about `stop` lie in the way about `visit`, as the closure between these two.
-    fn matched(&mut self, stop: &Stop, visit: &Stop, submaps: &mut Matched) -> Option<Closure> {
+    /// Where the scans about `stop` lie in the way about `visit`, as closures between these two.
+    fn matched(&mut self, stop: &Stop, visit: &Stop, submaps: &mut Matched) -> Places {
         let query = submaps.stops.of(stop.node, || self.scans_about(stop));
         let about = || self.segments_about(visit.segment, VISIT_TRAVEL_M, VISIT_TRAVEL_M);
         let way = submaps.ways.of(visit.segment, || self.submap(about(), visit.segment));
         let start = self.graph.nodes()[visit.segment];
         let centre = start.between(stop.place).to_f32();
-        let found = self.closer.find_near(query, way, centre)?;
+        let window = SearchWindow { centre, distance_m: SEARCH_M, heading_rad: SEARCH_RAD };
         let turned = Pose2::new(0.0, 0.0, wrap(start.heading - visit.place.heading) as f32);
-        Some(Closure {
+        let closure = |found: Place| Closure {
             older: visit.node,
             newer: stop.node,
             older_from_newer: visit.place.between(start.then(PoseF64::from(found.pose))),
             moves_m: (found.pose.position() - centre.position()).norm(),
             weak_axis: found.weak_axis.map(|axis| turned.transform(axis)),
-        })
+        };
+        Places {
+            near: self.closer.find_near(query, way, centre).map(closure),
+            best: self.closer.find(query, way, &window).map(closure),
+        }
     }
 
     /// The scans about a stop, of the same stretch, in its frame.
@@ -258,13 +268,39 @@ impl HighSlam<'_> {
     }
 }
 
-/// Where `there` says that the newer stop is seen from the older one, halfway to what `back` says, which is the older one matched with the newer one's way, if
-/// that was found; nowhere if they disagree.
-pub(super) fn both_ways(there: &Closure, back: Option<&Closure>) -> Option<PoseF64> {
-    let Some(back) = back else { return Some(there.older_from_newer) };
-    let back = back.older_from_newer.between(PoseF64::default());
-    let agree = there.older_from_newer.between(back).distance_m() <= BOTH_WAYS_M;
-    agree.then(|| there.older_from_newer.midway(back))
+/// Where a stop is found in the way of another visit.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Places {
+    /// The optimum near where it is thought to be.
+    pub(super) near: Option<Closure>,
+    /// The best one about, unless another one is nearly as good.
+    pub(super) best: Option<Closure>,
+}
+
+impl Places {
+    /// Where the newer stop is seen from the older one, if these are its places there, and `back` those of the older one in the way of the newer one.
+    pub(super) fn and_back(self, back: Self) -> Option<Closure> {
+        let near = self.near.and_then(|there| back.near.map_or(Some(there), |back| halfway(there, back)));
+        let best = self.best.zip(back.best).and_then(|(there, back)| halfway(there, back));
+        let bests = || self.best.into_iter().chain(back.best.map(reversed));
+        near.filter(|near| bests().all(|best| are_same(near, &best))).or(best)
+    }
+}
+
+/// Between `there` and `back`, which are of the same two stops; nowhere if they disagree.
+fn halfway(there: Closure, back: Closure) -> Option<Closure> {
+    let back = reversed(back);
+    let older_from_newer = there.older_from_newer.midway(back.older_from_newer);
+    are_same(&there, &back).then_some(Closure { older_from_newer, ..there })
+}
+
+/// The pose alone: how the older one is seen from the newer one.
+fn reversed(closure: Closure) -> Closure {
+    Closure { older_from_newer: closure.older_from_newer.between(PoseF64::default()), ..closure }
+}
+
+fn are_same(a: &Closure, b: &Closure) -> bool {
+    a.older_from_newer.between(b.older_from_newer).distance_m() <= SAME_M
 }
 
 /// Stops of earlier visits near `stop`, the nearest of each.

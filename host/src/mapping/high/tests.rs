@@ -1,5 +1,6 @@
 use nalgebra::Matrix3;
 
+use super::refining::Places;
 use super::test_world::{room_and_corridor, sees, stretched, sweep_of, to_and_fro};
 use super::*;
 
@@ -130,14 +131,47 @@ fn what_is_too_long_within_a_stretch_is_refined() {
     assert!(told == (high.poses(), way_m(&high), high.graph.edges().to_vec()), "what was told of the way stays");
 }
 
+/// 0.3 m off along 4 m of corridor: near where the robot is thought to be, doors are met by their wrong edges.
+#[test]
+fn a_place_that_is_farther_off_than_doors_are_deep_is_refined() {
+    let mut high = HighSlam::new(&HighConfigs::default(), None);
+    let jumps = |x| if x > 2.0 && x < 6.0 { x + 0.3 } else { x };
+    let places = to_and_fro(jumps, false, 0.0, |sweep, low| _ = high.add_scan(sweep, low).unwrap());
+    let before_m = off_m(&high, &places);
+    high.refine();
+    let after_m = off_m(&high, &places);
+    assert!(after_m < 0.5 * before_m, "{before_m} m before, {after_m} m after");
+}
+
+/// One that puts the robot at `x_m`.
+fn lies_at(x_m: f64) -> Closure {
+    closure(0, x_m)
+}
+
 #[test]
 fn stops_matched_both_ways_lie_halfway_if_these_agree() {
-    let there = closure(3, 0.0);
-    let back = |x| Closure { older_from_newer: PoseF64::new(x, 0.0, 0.0), ..closure(3, 0.0) };
-    let lies_at = |back: Option<Closure>| refining::both_ways(&there, back.as_ref()).map(|pose| pose.x);
-    assert!((lies_at(Some(back(-3.06))).unwrap() - 3.03).abs() < 1e-12);
-    assert_eq!(lies_at(Some(back(-3.2))), None, "they disagree");
-    assert_eq!(lies_at(None), Some(3.0), "found one way only");
+    let told = |back: Option<f64>| {
+        let there = Places { near: Some(closure(3, 0.0)), best: None };
+        there.and_back(Places { near: back.map(lies_at), best: None }).map(|closure| closure.older_from_newer.x)
+    };
+    assert!((told(Some(-3.06)).unwrap() - 3.03).abs() < 1e-12);
+    assert_eq!(told(Some(-3.2)), None, "they disagree");
+    assert_eq!(told(None), Some(3.0), "found one way only");
+}
+
+#[test]
+fn a_better_place_about_counts_if_both_ways_say_so() {
+    let told = |best: Option<f64>, best_back: Option<f64>| {
+        let there = Places { near: Some(closure(3, 0.0)), best: best.map(lies_at) };
+        let back = Places { near: Some(lies_at(-3.0)), best: best_back.map(lies_at) };
+        there.and_back(back).map(|closure| closure.older_from_newer.x)
+    };
+    assert_eq!(told(Some(3.04), Some(-3.02)), Some(3.0), "the same place");
+    assert_eq!(told(Some(3.04), None), Some(3.0), "as far as was found");
+    assert!((told(Some(3.54), Some(-3.5)).unwrap() - 3.52).abs() < 1e-12);
+    assert_eq!(told(Some(3.54), None), None, "one way only: neither");
+    assert_eq!(told(None, Some(-3.5)), None);
+    assert_eq!(told(Some(3.54), Some(-3.0)), None, "they disagree");
 }
 
 /// What the low level tells well is not made worse by what noisy hits say of a few scans.
