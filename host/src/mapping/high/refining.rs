@@ -280,10 +280,12 @@ pub(super) struct Places {
 impl Places {
     /// Where the newer stop is seen from the older one, if these are its places there, and `back` those of the older one in the way of the newer one.
     pub(super) fn and_back(self, back: Self) -> Option<Closure> {
-        let near = self.near.and_then(|there| back.near.map_or(Some(there), |back| halfway(there, back)));
-        let best = self.best.zip(back.best).and_then(|(there, back)| halfway(there, back));
-        let bests = || self.best.into_iter().chain(back.best.map(reversed));
-        near.filter(|near| bests().all(|best| are_same(near, &best))).or(best)
+        let near = self.near.and_then(|there| back.near.map_or(Some(there), |back| halfway(there, back)))?;
+        let mut bests = self.best.into_iter().chain(back.best.map(reversed));
+        if bests.all(|best| are_same(&near, &best)) {
+            return Some(near);
+        }
+        self.best.zip(back.best).and_then(|(there, back)| halfway(there, back))
     }
 }
 

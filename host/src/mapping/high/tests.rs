@@ -172,6 +172,8 @@ fn a_better_place_about_counts_if_both_ways_say_so() {
     assert_eq!(told(Some(3.54), None), None, "one way only: neither");
     assert_eq!(told(None, Some(-3.5)), None);
     assert_eq!(told(Some(3.54), Some(-3.0)), None, "they disagree");
+    let best = |x| Places { near: None, best: Some(lies_at(x)) };
+    assert_eq!(best(3.54).and_back(best(-3.5)), None, "nothing near that it could take the place of");
 }
 
 /// What the low level tells well is not made worse by what noisy hits say of a few scans.
