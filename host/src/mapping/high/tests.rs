@@ -131,18 +131,6 @@ fn what_is_too_long_within_a_stretch_is_refined() {
     assert!(told == (high.poses(), way_m(&high), high.graph.edges().to_vec()), "what was told of the way stays");
 }
 
-/// 0.3 m off along 4 m of corridor: near where the robot is thought to be, doors are met by their wrong edges.
-#[test]
-fn a_place_that_is_farther_off_than_doors_are_deep_is_refined() {
-    let mut high = HighSlam::new(&HighConfigs::default(), None);
-    let jumps = |x| if x > 2.0 && x < 6.0 { x + 0.3 } else { x };
-    let places = to_and_fro(jumps, false, 0.0, |sweep, low| _ = high.add_scan(sweep, low).unwrap());
-    let before_m = off_m(&high, &places);
-    high.refine();
-    let after_m = off_m(&high, &places);
-    assert!(after_m < 0.5 * before_m, "{before_m} m before, {after_m} m after");
-}
-
 /// One that puts the robot at `x_m`.
 fn lies_at(x_m: f64) -> Closure {
     closure(0, x_m)
