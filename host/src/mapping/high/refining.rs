@@ -7,8 +7,8 @@
 //!
 //! Between stops the low level's steps count, with the drift that segments have. A visit counts only if the graph is as sure of where it lies as what the low
 //! level is matched against. Each is matched in the other's way, near where it is thought to be, and both must agree. A door that lies half a metre off in
-//! one of them is met by its own edge then, or by another: the best place within a step is searched for as well. If it is another one, it counts if both ways say
-//! so, and else neither does. A closure that several stops say in more detail does not count then.
+//! one of them is met by its own edge then, or by another: the best place about is searched for as well. If it is another one, it counts in the near one's stead
+//! if both ways say so, and else neither does. A closure that several stops say in more detail does not count then.
 
 use std::collections::BTreeMap;
 
@@ -199,6 +199,9 @@ impl HighSlam<'_> {
             };
             for earlier in nearest_visits(stop, &stops[..index], is_sure) {
                 let there = self.matched(stop, &earlier, &mut submaps);
+                if there.near.is_none() {
+                    continue;
+                }
                 let back = self.matched(&earlier, stop, &mut submaps);
                 let Some(closure) = there.and_back(back) else { continue };
                 let mut edge = closure.edge();
