@@ -7,7 +7,7 @@
 //!
 //! Between stops the low level's steps count, with the drift that segments have. A visit counts only if the graph is as sure of where it lies as what the low
 //! level is matched against. Each is matched in the other's way, near where it is thought to be, and both must agree. A door that lies half a metre off in
-//! one of them is met by its own edge then, or by another: the best place about is searched for as well. If it is another one, it counts in the near one's stead
+//! one of them is met by its own edge then, or by another, or by none: the best place along the way is searched for as well. If it is another one, it counts
 //! if both ways say so, and else neither does. A closure that several stops say in more detail does not count then.
 
 use std::collections::BTreeMap;
@@ -199,7 +199,7 @@ impl HighSlam<'_> {
             };
             for earlier in nearest_visits(stop, &stops[..index], is_sure) {
                 let there = self.matched(stop, &earlier, &mut submaps);
-                if there.near.is_none() {
+                if there.near.or(there.best).is_none() {
                     continue;
                 }
                 let back = self.matched(&earlier, stop, &mut submaps);
@@ -228,10 +228,10 @@ impl HighSlam<'_> {
             moves_m: (found.pose.position() - centre.position()).norm(),
             weak_axis: found.weak_axis.map(|axis| turned.transform(axis)),
         };
-        Places {
-            near: self.closer.find_near(query, way, centre).map(closure),
-            best: self.closer.find(query, way, &window).map(closure),
-        }
+        let near = self.closer.find_near(query, way, centre);
+        let thought = near.map_or(centre, |near| near.pose);
+        let best = self.closer.find(query, way, &window).filter(|best| is_along(best.pose, thought));
+        Places { near: near.map(closure), best: best.map(closure) }
     }
 
     /// The scans about a stop, of the same stretch, in its frame.
@@ -276,20 +276,23 @@ impl HighSlam<'_> {
 pub(super) struct Places {
     /// The optimum near where it is thought to be.
     pub(super) near: Option<Closure>,
-    /// The best one about, unless another one is nearly as good.
+    /// The best one about, along the way, unless another one is nearly as good.
     pub(super) best: Option<Closure>,
 }
 
 impl Places {
     /// Where the newer stop is seen from the older one, if these are its places there, and `back` those of the older one in the way of the newer one.
     pub(super) fn and_back(self, back: Self) -> Option<Closure> {
-        let near = self.near.and_then(|there| back.near.map_or(Some(there), |back| halfway(there, back)))?;
-        let mut bests = self.best.into_iter().chain(back.best.map(reversed));
-        if bests.all(|best| are_same(&near, &best)) {
-            return Some(near);
-        }
-        self.best.zip(back.best).and_then(|(there, back)| halfway(there, back))
+        let near = self.near.and_then(|there| back.near.map_or(Some(there), |back| halfway(there, back)));
+        let best = self.best.zip(back.best).and_then(|(there, back)| halfway(there, back));
+        let bests = || self.best.into_iter().chain(back.best.map(reversed));
+        near.filter(|near| bests().all(|best| are_same(near, &best))).or(best)
     }
+}
+
+/// Doors tell another place along the way, to where the robot heads. One that is best beside it is one of distorted walls, as at a turn.
+pub(super) fn is_along(best: Pose2, thought: Pose2) -> bool {
+    f64::from(thought.between(best).y.abs()) <= SAME_M
 }
 
 /// Between `there` and `back`, which are of the same two stops; nowhere if they disagree.

@@ -1,7 +1,7 @@
 use nalgebra::Matrix3;
 
 use super::refining::Places;
-use super::test_world::{room_and_corridor, sees, stretched, sweep_of, to_and_fro};
+use super::test_world::{ahead, room_and_corridor, sees, stretched, sweep_of, to_and_fro};
 use super::*;
 
 /// A straight path of nine segments of a metre, well known.
@@ -131,6 +131,16 @@ fn what_is_too_long_within_a_stretch_is_refined() {
     assert!(told == (high.poses(), way_m(&high), high.graph.edges().to_vec()), "what was told of the way stays");
 }
 
+#[test]
+fn what_lies_farther_off_than_doors_are_deep_is_refined() {
+    let mut high = HighSlam::new(&HighConfigs::default(), None);
+    let places = to_and_fro(ahead, false, 0.0, |sweep, low| _ = high.add_scan(sweep, low).unwrap());
+    let before_m = off_m(&high, &places);
+    high.refine();
+    let after_m = off_m(&high, &places);
+    assert!(before_m > 0.06 && after_m < 0.5 * before_m, "{before_m} m before, {after_m} m after");
+}
+
 /// One that puts the robot at `x_m`.
 fn lies_at(x_m: f64) -> Closure {
     closure(0, x_m)
@@ -161,7 +171,15 @@ fn a_better_place_about_counts_if_both_ways_say_so() {
     assert_eq!(told(None, Some(-3.5)), None);
     assert_eq!(told(Some(3.54), Some(-3.0)), None, "they disagree");
     let best = |x| Places { near: None, best: Some(lies_at(x)) };
-    assert_eq!(best(3.54).and_back(best(-3.5)), None, "nothing near that it could take the place of");
+    let alone = best(3.54).and_back(best(-3.5)).map(|closure| closure.older_from_newer.x);
+    assert!((alone.unwrap() - 3.52).abs() < 1e-12, "nothing was found near");
+}
+
+#[test]
+fn a_better_place_lies_along_the_way() {
+    let thought = Pose2::new(1.0, 2.0, std::f32::consts::FRAC_PI_2);
+    let is_along = |x, y| refining::is_along(Pose2::new(x, y, thought.heading), thought);
+    assert!(is_along(1.05, 2.6) && !is_along(1.15, 2.6));
 }
 
 /// What the low level tells well is not made worse by what noisy hits say of a few scans.
