@@ -98,7 +98,7 @@ pub(crate) fn stretched(x: f32) -> f32 {
     x + 0.12 * (std::f32::consts::FRAC_PI_4 * (x + 4.0)).sin()
 }
 
-/// One that is off by more than the doors are deep, as after too fast a turn, and comes right four metres farther on.
+/// One that is off by as much as a match may lie from where it is thought to be, and comes right four metres farther on.
 pub(crate) fn ahead(x: f32) -> f32 {
     if x > 2.0 && x < 6.0 { x + 0.3 } else { x }
 }

@@ -132,7 +132,7 @@ fn what_is_too_long_within_a_stretch_is_refined() {
 }
 
 #[test]
-fn what_lies_farther_off_than_doors_are_deep_is_refined() {
+fn what_lies_too_far_off_to_be_met_near_is_refined() {
     let mut high = HighSlam::new(&HighConfigs::default(), None);
     let places = to_and_fro(ahead, false, 0.0, |sweep, low| _ = high.add_scan(sweep, low).unwrap());
     let before_m = off_m(&high, &places);
