@@ -62,8 +62,7 @@ pub(super) const START: &str = "Where the robot starts in the map: x and y in me
 pub(super) const PARTICLES: &str =
     "Particles of DP-SLAM, as many as there is memory for; the same as --set particles.particles=N";
 /// Help of `--levels`.
-pub(super) const LEVELS: &str =
-    "Levels of SLAM: 1, particles over whole maps; 2, loops closed as well; the same as --set hierarchy.levels=N";
+pub(super) const LEVELS: &str = "Levels of SLAM: 0, matching alone, which a robot does not take; 1, particles over whole maps; 2, loops closed as well; the same as --set hierarchy.levels=N";
 /// Help of `--cell`.
 #[cfg(feature = "experiments")]
 pub(super) const CELL: &str = "Side of our method's NDT cells for the one scan that is matched against, m";

@@ -34,7 +34,7 @@ pub struct DemoArgs {
     #[arg(long, value_enum, default_value_t = DemoLrf::Lms200, help = LRF)]
     /// The laser.
     pub lrf: DemoLrf,
-    /// Where: demo, office, floor, corridor, loop, a world file, or the YAML of a ROS map.
+    /// Where: demo, office, floor, corridor, loop, ring, maze, small-maze, reflectors, room, a world file, or the YAML of a ROS map.
     #[arg(long, value_name = "NAME|FILE", default_value = "demo")]
     pub world: String,
     #[arg(long, value_name = "S", help = SECONDS, value_parser = seconds)]
