@@ -13,6 +13,12 @@ const SAME: f64 = 0.01;
 const CROWD: f64 = 0.01;
 /// … if it has so many times the beams of any other value in the far half.
 const CROWDED: f64 = 4.0;
+/// Directions that hits are counted by.
+const SECTORS: usize = 36;
+/// A flat wall is as far as another within 2 % over so many of them: 23° …
+const WALL_SECTORS: usize = 3;
+/// … so that no more than this share of the beams at its range lies elsewhere. Chosen.
+const ELSEWHERE: f64 = 0.1;
 /// A larger share of invalid beams is unusual …
 const INVALID: f64 = 0.3;
 /// … and a larger one is wrong.
@@ -25,8 +31,8 @@ const TINY_M: f64 = 0.05;
 /// Counts ranges.
 #[derive(Debug, Default)]
 pub(super) struct RangeCheck {
-    /// Hits by their range, 1 cm each.
-    hits_by_cm: Vec<u64>,
+    /// Hits by their range, 1 cm each, and by their direction.
+    hits_by_cm: Vec<[u64; SECTORS]>,
     hits: u64,
     misses: u64,
     invalid: u64,
@@ -44,9 +50,11 @@ impl RangeCheck {
                     self.hits += 1;
                     let cm = (range_m.min(COUNTED_M) * 100.0) as usize;
                     if self.hits_by_cm.len() <= cm {
-                        self.hits_by_cm.resize(cm + 1, 0);
+                        self.hits_by_cm.resize(cm + 1, [0; SECTORS]);
                     }
-                    self.hits_by_cm[cm] += 1;
+                    let turns = f64::from(beam.bearing_rad) / std::f64::consts::TAU;
+                    let sector = (turns.rem_euclid(1.0) * SECTORS as f64) as usize;
+                    self.hits_by_cm[cm][sector.min(SECTORS - 1)] += 1;
                 }
             }
         }
@@ -66,15 +74,30 @@ impl RangeCheck {
         let wanted = (share * self.hits as f64) as u64;
         let mut seen = 0;
         let at = self.hits_by_cm.iter().position(|hits| {
-            seen += hits;
+            seen += hits.iter().sum::<u64>();
             seen > wanted
         });
         at.map_or(0.0, |cm| cm as f64 / 100.0)
     }
 
-    fn between(&self, from_m: f64, to_m: f64) -> f64 {
+    /// Hits of these ranges, by their direction.
+    fn sectors_between(&self, from_m: f64, to_m: f64) -> [u64; SECTORS] {
         let cm = |metres: f64| ((metres * 100.0).round() as usize).min(self.hits_by_cm.len());
-        self.hits_by_cm.get(cm(from_m)..cm(to_m).max(cm(from_m))).unwrap_or_default().iter().sum::<u64>() as f64
+        let ranges = self.hits_by_cm.get(cm(from_m)..cm(to_m).max(cm(from_m))).unwrap_or_default();
+        std::array::from_fn(|sector| ranges.iter().map(|hits| hits[sector]).sum())
+    }
+
+    fn between(&self, from_m: f64, to_m: f64) -> f64 {
+        self.sectors_between(from_m, to_m).iter().sum::<u64>() as f64
+    }
+
+    /// True if the hits of these ranges may be those of one flat wall, for a robot that stands.
+    fn may_be_wall(&self, from_m: f64, to_m: f64) -> bool {
+        let sectors = self.sectors_between(from_m, to_m);
+        let arc = |first: usize| (0..WALL_SECTORS).map(|next| sectors[(first + next) % SECTORS]).sum::<u64>();
+        let most = (0..SECTORS).map(arc).max().unwrap_or(0);
+        let all: u64 = sectors.iter().sum();
+        (all - most) as f64 <= ELSEWHERE * all as f64
     }
 
     pub fn report(&self, notes: &RangeNotes, findings: &mut Vec<Finding>) {
@@ -147,7 +170,8 @@ impl RangeCheck {
             .take_while(|at_m| *at_m > far_m / 2.0)
             .map(|at_m| self.between(at_m - width_m, at_m + width_m))
             .fold(1.0, f64::max);
-        if far_m < 2.0 || crowd <= CROWD * self.beams() || crowd < CROWDED * elsewhere {
+        let is_crowd = crowd > CROWD * self.beams() && crowd >= CROWDED * elsewhere;
+        if far_m < 2.0 || !is_crowd || self.may_be_wall(far_m - width_m, far_m + width_m) {
             return;
         }
         let found = format!("{} of the beams end at {far_m:.2} m, within 1 %", percent(crowd, self.beams()));

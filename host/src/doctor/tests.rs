@@ -1,5 +1,7 @@
 //! Logs made wrong on purpose, each with what is to be found in it; and clean ones, in which nothing is.
 
+mod ranges;
+
 use std::fmt::Write as _;
 use std::io::Cursor;
 use std::path::Path;
@@ -142,25 +144,6 @@ fn gaps_bursts_and_times_that_run_back_or_repeat() {
     assert_among("bursts", bursts);
     let unsteady = with(|number, scan| scan.stamp = at(250 * number as i64 + [0, 80, -80][number % 3]));
     assert_only(&["unsteady-rate"], unsteady);
-}
-
-#[test]
-fn a_value_for_nothing_that_is_taken_as_a_wall() {
-    let mut chance = Chance(2);
-    let short = with(|_, scan| {
-        set_echoes(scan, |beam| match beam.echo {
-            Echo::Hit(range) if range > 5.0 => Echo::Hit(5.0 + 0.02 * chance.next()),
-            echo => echo,
-        });
-    });
-    assert_among("no-return-as-wall", short);
-}
-
-#[test]
-fn beams_that_measure_nothing() {
-    let mut chance = Chance(3);
-    let invalid = with(|_, scan| set_echoes(scan, |beam| if chance.next() < 0.5 { Echo::Invalid } else { beam.echo }));
-    assert_only(&["mostly-invalid"], invalid);
 }
 
 #[test]

@@ -256,8 +256,10 @@ fn trust(quality: &Quality) -> String {
             plural::count(quality.pieces_apart, "piece")
         )
     } else if let Some(Stretch { from_s, to_s, scans, .. }) = lost {
+        let [from, to] = [from_s, to_s].map(|seconds| format!("{seconds:.0}"));
+        let across = if from == to { from } else { format!("{from} to {to}") };
         format!(
-            "do not trust lengths across {from_s:.0} to {to_s:.0} s: {scans} scans fit nowhere, and what was mapped before and after may lie displaced"
+            "do not trust lengths across {across} s: {scans} scans fit nowhere, and what was mapped before and after may lie displaced"
         )
     } else if quality.is_drawn_twice() {
         format!("trust it but where map.png shows walls that are drawn twice: {contradicted}")

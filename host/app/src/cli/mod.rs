@@ -171,7 +171,7 @@ pub fn not_built_in(what: &str, feature: &str) -> Failure {
 /// The same in words.
 fn how_to_build_in(what: &str, feature: &str) -> String {
     format!(
-        "this build has no {what}: build it with the feature, as by `cargo install --path host/app --features {feature}`"
+        "this build has no {what}: build it with the feature, beside those that it is to keep: `cargo install --locked --path host/app --features {feature}`"
     )
 }
 

@@ -15,7 +15,7 @@ fn what_is_not_built_in_says_how_to_get_it() {
         assert!(help.contains(&format!("\n  {command} ")), "{help}");
         let (code, stdout, stderr) = run(folder.path(), &arguments);
         assert!(code == 2 && stdout.is_empty() && stderr.lines().count() == 1, "{stderr}");
-        let how = format!("cargo install --path host/app --features {feature}");
+        let how = format!("cargo install --locked --path host/app --features {feature}");
         let wanted = if is_built_in { "castle: cannot be read" } else { &how };
         assert!(stderr.contains(wanted), "{stderr}");
     }
