@@ -118,7 +118,7 @@ impl<'m> Doctor<'m> {
         }
         self.beams.report(log.map_or(0, |log| log.guessed_angles), &mut findings);
         self.times.report(source.has_times(), &mut findings);
-        self.ranges.report(&range_notes, &mut findings);
+        self.ranges.report(&range_notes, stands(steps), &mut findings);
         let hit_share = self.ranges.hit_share();
         self.stillness.report(hit_share, |stretch| has_moved(steps, stretch), &mut findings);
         self.sectors.report(&mut findings);
@@ -189,6 +189,15 @@ fn laser_findings(laser: &LaserCounts, findings: &mut Vec<Finding>) {
         let found = count(laser.overrun.into(), "scan") + " came faster than this computer takes them";
         findings.push(Finding::unusual("overrun", found, "they were left out"));
     }
+}
+
+/// True if the robot has been where it began at every scan.
+fn stands(steps: &[Step]) -> bool {
+    let mut at = Pose2::IDENTITY;
+    steps.iter().all(|step| {
+        at = at * step.matched.or(step.odometry).unwrap_or(Pose2::IDENTITY);
+        at.position().norm() <= STANDS_M && at.heading.abs() <= STANDS_RAD
+    })
 }
 
 /// True if the robot moves in `stretch` by odometry, or has moved when it is over by matching.

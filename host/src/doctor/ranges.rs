@@ -100,7 +100,8 @@ impl RangeCheck {
         (all - most) as f64 <= ELSEWHERE * all as f64
     }
 
-    pub fn report(&self, notes: &RangeNotes, findings: &mut Vec<Finding>) {
+    /// * `stands` — the robot has not moved
+    pub fn report(&self, notes: &RangeNotes, stands: bool, findings: &mut Vec<Finding>) {
         let beams = self.beams();
         let share = |part: u64| percent(part as f64, beams);
         let from = match notes.limit {
@@ -120,7 +121,7 @@ impl RangeCheck {
         findings.push(Finding::note("ranges", found));
         if !self.other_unit(notes, findings) {
             self.invalid_beams(findings);
-            self.crowd(findings);
+            self.crowd(stands, findings);
         }
     }
 
@@ -161,7 +162,7 @@ impl RangeCheck {
     }
 
     /// Too many hits at one range near the farthest: what the device says for "nothing seen".
-    fn crowd(&self, findings: &mut Vec<Finding>) {
+    fn crowd(&self, stands: bool, findings: &mut Vec<Finding>) {
         let far_m = self.quantile_m(0.999);
         let width_m = (SAME * far_m).max(0.02);
         let crowd = self.between(far_m - width_m, far_m + width_m);
@@ -171,7 +172,8 @@ impl RangeCheck {
             .map(|at_m| self.between(at_m - width_m, at_m + width_m))
             .fold(1.0, f64::max);
         let is_crowd = crowd > CROWD * self.beams() && crowd >= CROWDED * elsewhere;
-        if far_m < 2.0 || !is_crowd || self.may_be_wall(far_m - width_m, far_m + width_m) {
+        let is_wall = stands && self.may_be_wall(far_m - width_m, far_m + width_m);
+        if far_m < 2.0 || !is_crowd || is_wall {
             return;
         }
         let found = format!("{} of the beams end at {far_m:.2} m, within 1 %", percent(crowd, self.beams()));

@@ -26,6 +26,15 @@ fn a_wall_before_a_robot_that_stands_is_one() {
     assert!(!kinds(stands).contains(&"no-return-as-wall"), "the end of a corridor");
 }
 
+/// As in a corridor whose ends are out of sight.
+#[test]
+fn a_value_for_nothing_in_one_direction_is_told_by_a_robot_that_drives() {
+    let ahead = with(|_, scan| {
+        set_echoes(scan, |beam| if beam.bearing_rad.abs() < 0.15 { Echo::Hit(25.0) } else { beam.echo });
+    });
+    assert_among("no-return-as-wall", ahead);
+}
+
 #[test]
 fn beams_that_measure_nothing() {
     let mut chance = Chance(3);
