@@ -102,6 +102,14 @@ pub struct Stretch {
     pub path_m: f64,
 }
 
+impl Stretch {
+    /// Its times in words, to the second: `35 to 40 s`, or `35 s`.
+    pub fn in_words(&self) -> String {
+        let [from, to] = [self.from_s, self.to_s].map(|seconds| format!("{seconds:.0}"));
+        if from == to { format!("{from} s") } else { format!("{from} to {to} s") }
+    }
+}
+
 /// What a run noticed of itself.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Quality {
@@ -255,11 +263,10 @@ fn trust(quality: &Quality) -> String {
             "the map lacks {}: the robot was lost there, and has not come back to a place that it knows{unchecked}",
             plural::count(quality.pieces_apart, "piece")
         )
-    } else if let Some(Stretch { from_s, to_s, scans, .. }) = lost {
-        let [from, to] = [from_s, to_s].map(|seconds| format!("{seconds:.0}"));
-        let across = if from == to { from } else { format!("{from} to {to}") };
+    } else if let Some(lost) = lost {
+        let (across, scans) = (lost.in_words(), lost.scans);
         format!(
-            "do not trust lengths across {across} s: {scans} scans fit nowhere, and what was mapped before and after may lie displaced"
+            "do not trust lengths across {across}: {scans} scans fit nowhere, and what was mapped before and after may lie displaced"
         )
     } else if quality.is_drawn_twice() {
         format!("trust it but where map.png shows walls that are drawn twice: {contradicted}")
@@ -316,6 +323,8 @@ mod tests {
         let path: Vec<_> = before.chain(path).collect();
         let quality = Quality::of(&fits, &path, Some([5.0, 5.0]), (None, &RevisitedWalls::default()));
         assert_eq!(quality.lost, [Stretch { from_s: 0.5, to_s: 1.0, scans: 2, path_m: 0.25 }]);
+        let lasting = |to_s| Stretch { from_s: 35.1, to_s, scans: 20, path_m: 0.0 }.in_words();
+        assert_eq!([lasting(39.6), lasting(35.4)], ["35 to 40 s", "35 s"]);
         assert_eq!(quality.matched_well, 0.5);
     }
 

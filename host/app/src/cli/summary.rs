@@ -58,8 +58,7 @@ fn push_quality(text: &mut String, quality: &Quality) {
         if long.is_empty() {
             continue;
         }
-        let time = |stretch: &Stretch| format!("{:.0} to {:.0} s", stretch.from_s, stretch.to_s);
-        let longest: Vec<String> = long.iter().take(STRETCHES_SHOWN).map(|stretch| time(stretch)).collect();
+        let longest: Vec<String> = long.iter().take(STRETCHES_SHOWN).map(|stretch| stretch.in_words()).collect();
         let more = long.len().saturating_sub(STRETCHES_SHOWN);
         let more =
             if more > 0 { format!(" and {} (run.json)", count(more as u64, "shorter one")) } else { String::new() };
