@@ -10,11 +10,14 @@
 //! one of them is met by its own edge then, or by another, or by none: the best place along the way is searched for as well. If it is another one, it counts
 //! if both ways say so, and else neither does. A closure that several stops say in more detail does not count then.
 
+mod places;
+
 use std::collections::BTreeMap;
 
 use lrfslam_core::geometry::Pose2;
 use nalgebra::Matrix3;
 
+pub(super) use self::places::{Places, is_along};
 use super::HighSlam;
 use super::placing::{
     CANDIDATES, GAP_TRAVEL_M, PLACE_TRAVEL_M, QUERY_TRAVEL_M, REFERENCE_SIGMA_M, apart, between_nodes,
@@ -45,8 +48,6 @@ const VISIT_TRAVEL_M: f32 = 5.0;
 const SEARCH_M: f32 = 0.8;
 /// … and rad.
 const SEARCH_RAD: f32 = 0.05;
-/// Two places that are as near as this are the same, m.
-const SAME_M: f64 = 0.1;
 /// A closure does not count where so many stops say it in more detail: half of those of a stretch.
 const STOPS_INSTEAD: usize = (QUERY_TRAVEL_M / STOP_TRAVEL_M) as usize / 2;
 /// The few scans of a stop tell its heading less surely than a stretch: its standard deviation is so many times that of a closure.
@@ -269,46 +270,6 @@ impl HighSlam<'_> {
         }
         graph
     }
-}
-
-/// Where a stop is found in the way of another visit.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Places {
-    /// The optimum near where it is thought to be.
-    pub(super) near: Option<Closure>,
-    /// The best one about, along the way, unless another one is nearly as good.
-    pub(super) best: Option<Closure>,
-}
-
-impl Places {
-    /// Where the newer stop is seen from the older one, if these are its places there, and `back` those of the older one in the way of the newer one.
-    pub(super) fn and_back(self, back: Self) -> Option<Closure> {
-        let near = self.near.and_then(|there| back.near.map_or(Some(there), |back| halfway(there, back)));
-        let best = self.best.zip(back.best).and_then(|(there, back)| halfway(there, back));
-        let bests = || self.best.into_iter().chain(back.best.map(reversed));
-        near.filter(|near| bests().all(|best| are_same(near, &best))).or(best)
-    }
-}
-
-/// Doors tell another place along the way, to where the robot heads. One that is best beside it is one of distorted walls, as at a turn.
-pub(super) fn is_along(best: Pose2, thought: Pose2) -> bool {
-    f64::from(thought.between(best).y.abs()) <= SAME_M
-}
-
-/// Between `there` and `back`, which are of the same two stops; nowhere if they disagree.
-fn halfway(there: Closure, back: Closure) -> Option<Closure> {
-    let back = reversed(back);
-    let older_from_newer = there.older_from_newer.midway(back.older_from_newer);
-    are_same(&there, &back).then_some(Closure { older_from_newer, ..there })
-}
-
-/// The pose alone: how the older one is seen from the newer one.
-fn reversed(closure: Closure) -> Closure {
-    Closure { older_from_newer: closure.older_from_newer.between(PoseF64::default()), ..closure }
-}
-
-fn are_same(a: &Closure, b: &Closure) -> bool {
-    a.older_from_newer.between(b.older_from_newer).distance_m() <= SAME_M
 }
 
 /// Stops of earlier visits near `stop`, the nearest of each.
