@@ -95,7 +95,7 @@ impl Window {
     }
 
     fn centre(&self) -> Point2 {
-        self.sum * (1.0 / self.count)
+        Point2 { facing: self.first.facing, ..self.sum * (1.0 / self.count) }
     }
 }
 

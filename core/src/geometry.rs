@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use lrfslam_scan::{Beam, Echo};
 
 use crate::config::{Layout, NO_LAYOUT, layout_with};
+use crate::facing::Facing;
 use crate::math::{hypot, sin_cos, wrap_angle};
 
 /// A point or a displacement in the plane, m.
@@ -16,18 +17,21 @@ pub struct Point2 {
     pub x: f32,
     /// Left (or north), m.
     pub y: f32,
+    /// Which way the wall faces that it lies on, if it was seen.
+    #[serde(skip)]
+    pub facing: Facing,
 }
 
 impl Point2 {
     /// The point (`x`, `y`).
     pub const fn new(x: f32, y: f32) -> Self {
-        Self { x, y }
+        Self { x, y, facing: Facing::UNKNOWN }
     }
 
     /// The point at `range_m` in the direction `bearing_rad`.
     pub fn from_polar(range_m: f32, bearing_rad: f32) -> Self {
         let (sin, cos) = sin_cos(bearing_rad);
-        Self { x: range_m * cos, y: range_m * sin }
+        Self::new(range_m * cos, range_m * sin)
     }
 
     /// End point of a hit, lrf frame, m; `None` for a miss or an invalid beam.
@@ -52,21 +56,21 @@ impl Point2 {
 impl Add for Point2 {
     type Output = Self;
     fn add(self, other: Self) -> Self {
-        Self { x: self.x + other.x, y: self.y + other.y }
+        Self { x: self.x + other.x, y: self.y + other.y, ..self }
     }
 }
 
 impl Sub for Point2 {
     type Output = Self;
     fn sub(self, other: Self) -> Self {
-        Self { x: self.x - other.x, y: self.y - other.y }
+        Self { x: self.x - other.x, y: self.y - other.y, ..self }
     }
 }
 
 impl Mul<f32> for Point2 {
     type Output = Self;
     fn mul(self, factor: f32) -> Self {
-        Self { x: self.x * factor, y: self.y * factor }
+        Self { x: self.x * factor, y: self.y * factor, ..self }
     }
 }
 
@@ -108,12 +112,13 @@ impl Pose2 {
     /// `point` of the inner frame in the outer frame.
     pub fn transform(self, point: Point2) -> Point2 {
         let (sin, cos) = sin_cos(self.heading);
-        Point2 { x: self.x + cos * point.x - sin * point.y, y: self.y + sin * point.x + cos * point.y }
+        let facing = point.facing.turned(self.heading);
+        Point2 { x: self.x + cos * point.x - sin * point.y, y: self.y + sin * point.x + cos * point.y, facing }
     }
 
     /// Where it is, without the heading.
     pub const fn position(self) -> Point2 {
-        Point2 { x: self.x, y: self.y }
+        Point2::new(self.x, self.y)
     }
 
     /// True if all three numbers are finite.
@@ -127,7 +132,7 @@ impl Mul for Pose2 {
     #[allow(clippy::suspicious_arithmetic_impl, reason = "headings add when transforms compose")]
     /// Composition: `a_from_b * b_from_c` is `a_from_c`.
     fn mul(self, inner: Self) -> Self {
-        let Point2 { x, y } = self.transform(inner.position());
+        let Point2 { x, y, .. } = self.transform(inner.position());
         Self::new(x, y, self.heading + inner.heading)
     }
 }

@@ -4,6 +4,7 @@
 //! reference is the previous scan (the thesis), the recent key scans together, or the whole map so far.
 
 use crate::de::{DeConfig, Member};
+use crate::facing::face;
 use crate::filter::{self, FilterConfig, PointCapacityError};
 use crate::geometry::{Point2, Pose2};
 use crate::matcher::{Match, MatcherConfig, RecoveryConfig, ScanMatcher, SearchConfig};
@@ -308,12 +309,21 @@ impl<'m> LaserOdometry<'m> {
 
     /// Takes the hits of the next scan, without those on what covers the laser; returns how many points are left of them, and how many hits.
     fn take(&mut self, sweep: &Sweep<'_>) -> Result<(usize, usize), PointCapacityError> {
-        let all = filter::hits(sweep, self.hits)?.len();
+        let all = self.hits_of(sweep)?;
         let all = self.hits.get_mut(..all).unwrap_or_default();
         let hits = sight::look_past_cover(all, sweep.robot_from_lrf.position());
         self.sight.is_half_covered = hits < all.len();
         let points = filter::thin(&self.config.filter, all.get(..hits).unwrap_or_default(), self.points)?;
         Ok((points.len(), hits))
+    }
+
+    /// Takes all hits of a scan, with the way that their walls face if that matters; returns how many.
+    fn hits_of(&mut self, sweep: &Sweep<'_>) -> Result<usize, PointCapacityError> {
+        let count = filter::hits(sweep, self.hits)?.len();
+        if self.config.ndt.facings > 1 {
+            face(self.hits.get_mut(..count).unwrap_or_default(), sweep.robot_from_lrf.position());
+        }
+        Ok(count)
     }
 
     /// Where the robot is: where the scan fits, or where odometry that has agreed so far says if it fits nowhere, or nowhere it can have driven.

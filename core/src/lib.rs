@@ -42,6 +42,7 @@ pub mod chords;
 pub mod config;
 pub mod de;
 pub mod distributed_map;
+pub mod facing;
 pub mod filter;
 pub mod geometry;
 pub mod grid;

@@ -57,7 +57,7 @@ impl Memory {
     }
 
     fn grid(&mut self, config: &NdtConfig, hits: &[Point2]) -> NdtGrid<'_> {
-        let directory = &mut self.directory[..usize::from(config.grids) * 512 * 512];
+        let directory = &mut self.directory[..config.directories() * 512 * 512];
         let mut grid = NdtGrid::new(config, directory, &mut self.tiles).expect("the memory has the right form");
         grid.insert(hits, Pose2::IDENTITY);
         grid

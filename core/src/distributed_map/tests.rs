@@ -383,7 +383,7 @@ fn positions_in_windows_and_tiles_of_other_sizes_differ_by_whole_squares() {
         let mut fractions = |side| {
             window.open(&map, &tree, WindowFrame::around(point, point, side, 0.4), NodeId::ROOT);
             let positions = [window.to_squares::<4>(point, 0.1), window.to_squares::<16>(point, 0.1)];
-            positions.map(|Point2 { x, y }| [x - libm::floorf(x), y - libm::floorf(y)].map(f32::to_bits))
+            positions.map(|Point2 { x, y, .. }| [x - libm::floorf(x), y - libm::floorf(y)].map(f32::to_bits))
         };
         let [small, large] = [fractions(4), fractions(64)];
         assert!(small[0] == small[1] && small == large, "{point:?}: {small:x?} {large:x?}");

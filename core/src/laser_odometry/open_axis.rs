@@ -116,7 +116,7 @@ mod tests {
     use crate::scan::{Beam, Echo};
     use crate::time::{Duration, Instant};
 
-    const AHEAD: Point2 = Point2 { x: 1.0, y: 0.0 };
+    const AHEAD: Point2 = Point2::new(1.0, 0.0);
 
     /// A robot that has driven 0.1 m a scan where the scene told, and is where it says little about `axis` now; `changes` if its view does.
     fn after_a_drive(axis: Point2, changes: bool) -> OpenAxis {

@@ -83,7 +83,8 @@ impl LaserOdometry<'_> {
     /// # Errors
     /// [`PointCapacityError`] if the scan has more points than the memory lent; nothing has changed then.
     pub fn refer_to(&mut self, sweep: &Sweep<'_>, map_from_scan: Pose2) -> Result<u32, PointCapacityError> {
-        let hits = filter::hits(sweep, self.hits)?;
+        let count = self.hits_of(sweep)?;
+        let hits = self.hits.get(..count).unwrap_or_default();
         let points = filter::thin(&self.config.filter, hits, self.points)?.len();
         if self.config.odometry.reference != Reference::WholeMap {
             return Ok(self.ndt.insert(hits, map_from_scan).dropped);

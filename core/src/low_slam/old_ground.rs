@@ -109,7 +109,7 @@ impl<const SIDE: usize> OldGround<'_, '_, SIDE> {
         let (sin, cos) = sin_cos(map_from_lrf.heading);
         let squares_per_metre = 1.0 / self.square_size_m;
         move |ray, length_m| {
-            let Point2 { x, y } = ray.direction;
+            let Point2 { x, y, .. } = ray.direction;
             let direction = Point2::new(cos * x - sin * y, sin * x + cos * y);
             start + direction * (length_m * squares_per_metre)
         }

@@ -10,7 +10,7 @@ use crate::time::Instant;
 use rand_core::SeedableRng;
 use rand_pcg::Pcg32;
 
-const NDT: NdtConfig = NdtConfig { cell_size_m: 0.5, grids: 4, noise_m: 0.02 };
+const NDT: NdtConfig = NdtConfig { cell_size_m: 0.5, grids: 4, facings: 1, noise_m: 0.02 };
 
 fn points(world: &World, pose: Pose2, radius_m: f32, range_max_m: f32, rng: &mut Pcg32) -> Vec<Point2> {
     points_with(world, pose, radius_m, (range_max_m, 0.01), rng)
@@ -46,7 +46,7 @@ fn matching<T>(
     find: impl FnOnce(&mut ScanMatcher<'_>, &NdtGrid<'_>, &[Point2], &Prediction, &mut Pcg32) -> T,
 ) -> T {
     let mut rng = Pcg32::seed_from_u64(seed);
-    let mut directory = vec![DirectoryEntry::default(); 4 * 128 * 128];
+    let mut directory = vec![DirectoryEntry::default(); NDT.directories() * 128 * 128];
     let mut tiles = vec![NdtTile::EMPTY; 3200];
     let mut population = vec![Member::EMPTY; 100];
     let mut ndt = NdtGrid::new(&NDT, &mut directory, &mut tiles).unwrap();
@@ -172,7 +172,9 @@ fn nothing_seen_stays_at_the_prediction() {
 /// Squares of normalised errors of matches all over the room and the box, and how many lie within one standard deviation: x, y and heading.
 fn normalised_errors(cell_size_m: f32, noise_m: f32, config: &MatcherConfig) -> (f32, [f32; 3]) {
     let (world, mut rng) = (World::room(), Pcg32::seed_from_u64(17));
-    let (mut directory, mut tiles) = (vec![DirectoryEntry::default(); 4 * 128 * 128], vec![NdtTile::EMPTY; 3200]);
+    let directories = NdtConfig::default().directories();
+    let mut directory = vec![DirectoryEntry::default(); directories * 128 * 128];
+    let mut tiles = vec![NdtTile::EMPTY; 3200];
     let mut population = vec![Member::EMPTY; 100];
     let (mut squares, mut within, mut found) = (0.0, [0.0; 3], 0.0);
     for _ in 0..150 {

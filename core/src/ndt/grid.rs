@@ -2,6 +2,7 @@
 
 use super::cell::{CellSums, Gaussian};
 use super::{GRIDS_MAX, NdtConfig};
+use crate::facing::FACINGS_MAX;
 use crate::geometry::{Point2, Pose2};
 use crate::math::{floor, sin_cos};
 
@@ -67,6 +68,7 @@ pub struct NdtGrid<'m> {
     config: NdtConfig,
     cells_per_metre: f32,
     layers: u32,
+    facings: u32,
     side_shift: u32,
     directory: &'m mut [DirectoryEntry],
     tiles: &'m mut [NdtTile],
@@ -89,17 +91,16 @@ pub(super) struct Place {
     cell: u32,
 }
 
-/// Binary logarithm of the places along a side of each grid's directory; `None` if it is not grids × 4ⁿ.
-fn side_shift(grids: u16, entries: usize) -> Option<u32> {
-    let grids = usize::from(grids);
-    let shift = entries.checked_div(grids)?.checked_ilog2()? / 2;
-    (shift <= 12 && entries == grids << (2 * shift)).then_some(shift)
+/// Binary logarithm of the places along a side of each of the `directories`; `None` if `entries` are not directories × 4ⁿ.
+fn side_shift(directories: usize, entries: usize) -> Option<u32> {
+    let shift = entries.checked_div(directories)?.checked_ilog2()? / 2;
+    (shift <= 12 && entries == directories << (2 * shift)).then_some(shift)
 }
 
 impl<'m> NdtGrid<'m> {
     /// An empty plane.
     ///
-    /// * `directory` — side² entries for each grid, side a power of two; `side` tiles in each direction can be told apart
+    /// * `directory` — side² entries for each of [`NdtConfig::directories`], side a power of two; `side` tiles in each direction can be told apart
     /// * `tiles` — the pool; one tile of it stays empty
     ///
     /// # Errors
@@ -110,7 +111,8 @@ impl<'m> NdtGrid<'m> {
         tiles: &'m mut [NdtTile],
     ) -> Result<Self, NdtMemoryError> {
         let layers = u32::from(config.grids.min(GRIDS_MAX));
-        let side_shift = side_shift(config.grids, directory.len());
+        let facings = u32::from(config.facings.clamp(1, FACINGS_MAX));
+        let side_shift = side_shift(config.directories(), directory.len());
         let side_shift = side_shift.ok_or(NdtMemoryError::Directory(directory.len()))?;
         if tiles.len() > usize::from(u16::MAX) {
             return Err(NdtMemoryError::Tiles(tiles.len()));
@@ -123,6 +125,7 @@ impl<'m> NdtGrid<'m> {
             config,
             cells_per_metre,
             layers,
+            facings,
             side_shift,
             directory,
             tiles,
@@ -134,9 +137,9 @@ impl<'m> NdtGrid<'m> {
         })
     }
 
-    /// True if a directory of so many entries suits so many grids.
-    pub fn is_directory(grids: u16, entries: usize) -> bool {
-        side_shift(grids, entries).is_some()
+    /// True if a directory of so many entries suits a configuration.
+    pub fn is_directory(config: &NdtConfig, entries: usize) -> bool {
+        side_shift(config.directories(), entries).is_some()
     }
 
     /// Forgets all points.
@@ -161,6 +164,11 @@ impl<'m> NdtGrid<'m> {
         self.layers
     }
 
+    /// Planes of walls that face different ways, 3 at most.
+    pub(super) fn facings(&self) -> u32 {
+        self.facings
+    }
+
     /// Tiles in use.
     pub fn tiles_used(&self) -> usize {
         usize::from(self.used)
@@ -168,6 +176,7 @@ impl<'m> NdtGrid<'m> {
 
     /// Adds `points` (robot frame) seen from `map_from_robot`.
     ///
+    /// A point is drawn in the planes of its [facing](crate::facing::Facing).
     /// When the pool is full, the tile farthest from the robot is forgotten for one that is nearer; of two at the same distance the one
     /// that came first in the pool. A point farther than all tiles is counted and left out. Cost then: the pool is looked through once for each tile
     /// that is forgotten.
@@ -186,28 +195,38 @@ impl<'m> NdtGrid<'m> {
         let evicted_before = self.evicted;
         self.farthest = f32::INFINITY;
         let (sin, cos) = sin_cos(map_from_robot.heading);
-        let mut stale = [None; GRIDS_MAX as usize];
+        let mut stale = [[None; GRIDS_MAX as usize]; FACINGS_MAX as usize];
+        let robot = map_from_robot.position();
         for point in points {
             let in_map = rotate_translate(*point, sin, cos, map_from_robot);
             let in_reach = in_map.x.abs() < REACH_M && in_map.y.abs() < REACH_M;
-            for (layer, stale) in (0..self.layers).zip(&mut stale) {
-                if !(in_reach && self.update_layer((in_map, layer), sign, map_from_robot.position(), stale)) {
-                    report.dropped += 1;
+            let facings = self.facings;
+            let is_drawn = |plane| point.facing.is_drawn_in(plane, map_from_robot.heading, facings);
+            for (plane, stale) in (0..facings).zip(&mut stale).filter(|(plane, _)| is_drawn(*plane)) {
+                for (layer, stale) in (0..self.layers).zip(stale) {
+                    if !(in_reach && self.update_layer((in_map, layer, plane), sign, robot, stale)) {
+                        report.dropped += 1;
+                    }
                 }
             }
         }
-        stale.into_iter().flatten().for_each(|place| self.refresh(place));
+        stale.into_iter().flatten().flatten().for_each(|place| self.refresh(place));
         InsertReport { evicted: self.evicted.wrapping_sub(evicted_before), ..report }
     }
 
     /// False if the point found no tile.
     ///
     /// * `stale` — the layer's cell whose distribution waits to be made anew: points that follow one another are mostly of one cell
-    fn update_layer(&mut self, at: (Point2, u32), sign: i16, robot: Point2, stale: &mut Option<Place>) -> bool {
-        let (in_map, layer) = at;
+    fn update_layer(
+        &mut self,
+        (in_map, layer, plane): (Point2, u32, u32),
+        sign: i16,
+        robot: Point2,
+        stale: &mut Option<Place>,
+    ) -> bool {
         let (u, v) = self.cell_coordinates(in_map, layer);
         let (column, row) = (floor(u), floor(v));
-        let place = self.place(column, row, layer);
+        let place = self.place(column, row, layer, plane);
         if let Some(left) = stale.replace(place).filter(|left| *left != place) {
             self.refresh(left);
         }
@@ -254,14 +273,15 @@ impl<'m> NdtGrid<'m> {
         (in_map.x * self.cells_per_metre + shift.x, in_map.y * self.cells_per_metre + shift.y)
     }
 
-    /// Directory slot, tile and cell of a cell of one layer.
+    /// Directory slot, tile and cell of a cell of one layer of a plane.
     #[inline(always)]
-    pub(super) fn place(&self, column: i32, row: i32, layer: u32) -> Place {
+    pub(super) fn place(&self, column: i32, row: i32, layer: u32, plane: u32) -> Place {
         let (tile_x, tile_y) = ((column >> TILE_SHIFT) as u32, (row >> TILE_SHIFT) as u32);
         let (cell_x, cell_y) = (column & (TILE_CELLS as i32 - 1), row & (TILE_CELLS as i32 - 1));
         let mask = (1 << self.side_shift) - 1;
+        let directory = plane * self.layers + layer;
         Place {
-            slot: (((layer << self.side_shift) + (tile_y & mask)) << self.side_shift) + (tile_x & mask),
+            slot: (((directory << self.side_shift) + (tile_y & mask)) << self.side_shift) + (tile_x & mask),
             key: (tile_y << 16) | (tile_x & 0xffff),
             cell: ((cell_y << TILE_SHIFT) | cell_x) as u32,
         }
@@ -353,7 +373,7 @@ impl<'m> NdtGrid<'m> {
 
     /// From the robot to the centre of a place's tile, squared, in cells.
     fn distance_to(&self, slot: u32, key: u32, robot: Point2) -> f32 {
-        let shift = layer_shift(slot >> (2 * self.side_shift));
+        let shift = layer_shift((slot >> (2 * self.side_shift)) % self.layers.max(1));
         let side = TILE_CELLS as f32;
         let x = (f32::from(key as u16 as i16) + 0.5) * side - shift.x - robot.x * self.cells_per_metre;
         let y = (f32::from((key >> 16) as u16 as i16) + 0.5) * side - shift.y - robot.y * self.cells_per_metre;

@@ -48,10 +48,12 @@ impl NdtGrid<'_> {
     fn look_along(&mut self, eye: Point2, hit: Point2, layer: u32) {
         let Some(ray) = Ray::new(eye, hit, self.config().cell_size_m) else { return };
         for cell in cells_on_ray(eye, hit, 1.0) {
-            let place = self.place(cell.column, cell.row, layer);
-            if ray.goes_through(self.gaussian_at(place), cell) {
-                self.change(place, CellSums::weaken);
-                self.refresh(place);
+            for plane in 0..self.facings() {
+                let place = self.place(cell.column, cell.row, layer, plane);
+                if ray.goes_through(self.gaussian_at(place), cell) {
+                    self.change(place, CellSums::weaken);
+                    self.refresh(place);
+                }
             }
         }
     }
@@ -61,8 +63,10 @@ impl NdtGrid<'_> {
     pub(crate) fn stands_between(&self, eye: Point2, hit: Point2) -> bool {
         let [eye, hit] = [eye, hit].map(|point| self.cell_coordinates(point, 0)).map(|(u, v)| Point2::new(u, v));
         let Some(ray) = Ray::new(eye, hit, self.config().cell_size_m) else { return false };
-        cells_on_ray(eye, hit, 1.0)
-            .any(|cell| ray.goes_through(self.gaussian_at(self.place(cell.column, cell.row, 0)), cell))
+        cells_on_ray(eye, hit, 1.0).any(|cell| {
+            let of = |plane| self.gaussian_at(self.place(cell.column, cell.row, 0, plane));
+            (0..self.facings()).any(|plane| ray.goes_through(of(plane), cell))
+        })
     }
 }
 
@@ -129,7 +133,7 @@ mod tests {
     }
 
     fn after_looking(standing: &[Point2], hits: &[Point2], times: u32) -> (f32, f32) {
-        let mut directory = vec![DirectoryEntry::EMPTY; 4 * 64 * 64];
+        let mut directory = vec![DirectoryEntry::EMPTY; NdtConfig::default().directories() * 64 * 64];
         let mut tiles = vec![NdtTile::EMPTY; 4000];
         let mut grid = NdtGrid::new(&NdtConfig::default(), &mut directory, &mut tiles).unwrap();
         (0..5).for_each(|_| {

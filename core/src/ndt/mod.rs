@@ -23,6 +23,8 @@ pub(crate) use cell::SHARP_M;
 pub use grid::{DirectoryEntry, InsertReport, NdtGrid, NdtMemoryError, NdtTile, TILE_CELLS};
 pub use score::{Linearisation, Scatter};
 
+use crate::facing::FACINGS_MAX;
+
 /// Shifts that a grid may have, so that no two are alike.
 const GRIDS_MAX: u16 = 4;
 
@@ -34,9 +36,19 @@ crate::config! {
         /// Grids that overlap, averaged: a second one is shifted by half a cell in x and y, a third in x, a fourth in y (Biber has all four).
         /// More are smoother and more accurate, memory and time are in proportion; the search for a match uses the first one only.
         grids: u16 = 4, in 1..=GRIDS_MAX;
+        /// Planes of cells for walls that face different ways: 3, so that a wall seen from one side is not matched with its other side, or 1: all are
+        /// one. Memory is in proportion to what is seen from both sides. Biber and the thesis: 1.
+        facings: u16 = 3, in 1..=FACINGS_MAX;
         /// Standard deviation added to every cell in both directions, m: the error of the poses the points were seen from. Larger is
         /// smoother: fewer false optima, less precise ones. Thesis: 0.
         noise_m: f32 = 0.03, in 0.0..=1.0;
+    }
+}
+
+impl NdtConfig {
+    /// Grids of all planes together: directories of an [`NdtGrid`].
+    pub fn directories(&self) -> usize {
+        usize::from(self.grids) * usize::from(self.facings)
     }
 }
 

@@ -120,15 +120,16 @@ impl NdtGrid<'_> {
     )]
     fn densities(&self, points: &[Point2; LANES], at: Rotated, layer: u32) -> [f32; LANES] {
         let (mut u, mut v) = ([0.0_f32; LANES], [0.0_f32; LANES]);
-        let (mut column, mut row) = ([0_i32; LANES], [0_i32; LANES]);
+        let (mut column, mut row, mut plane) = ([0_i32; LANES], [0_i32; LANES], [0_u32; LANES]);
         for i in 0..LANES {
             (u[i], v[i]) = self.cell_coordinates(at.transform(points[i]), layer);
             (column[i], row[i]) = (floor(u[i]), floor(v[i]));
+            plane[i] = points[i].facing.plane(at.pose.heading, self.facings());
         }
         let (mut mean_u, mut mean_v) = ([0_i32; LANES], [0_i32; LANES]);
         let (mut xx, mut xy2, mut yy) = ([0.0_f32; LANES], [0.0_f32; LANES], [0.0_f32; LANES]);
         for i in 0..LANES {
-            let gaussian = self.gaussian_at(self.place(column[i], row[i], layer));
+            let gaussian = self.gaussian_at(self.place(column[i], row[i], layer, plane[i]));
             (mean_u[i], mean_v[i]) = (i32::from(gaussian.mean[0]), i32::from(gaussian.mean[1]));
             [xx[i], xy2[i], yy[i]] = gaussian.scaled;
         }
@@ -155,10 +156,11 @@ impl NdtGrid<'_> {
     ) {
         for point in points {
             let in_map = at.transform(*point);
+            let plane = point.facing.plane(at.pose.heading, self.facings());
             for layer in 0..self.layers() {
                 let (u, v) = self.cell_coordinates(in_map, layer);
                 let (column, row) = (floor(u), floor(v));
-                let gaussian = self.gaussian_at(self.place(column, row, layer));
+                let gaussian = self.gaussian_at(self.place(column, row, layer, plane));
                 let [mean_u, mean_v] = gaussian.mean();
                 let d = Point2::new(u - column as f32 - 0.5 - mean_u, v - row as f32 - 0.5 - mean_v);
                 visit(layer, gaussian, d, in_map);
@@ -206,15 +208,16 @@ impl NdtGrid<'_> {
         sums
     }
 
-    /// What the cells at a place of the map say about each direction, 0 to 1, as (xx, xy, yy), averaged over those layers that have one; `None` if
+    /// What the cells at a place of the map say about each direction, 0 to 1, as (xx, xy, yy), averaged over those layers of all planes that have one; `None` if
     /// none has.
     #[inline(never)]
     pub(crate) fn worth_at(&self, in_map: Point2) -> Option<[f32; 3]> {
         let mut sum = [0.0_f32; 3];
         let mut count = 0.0_f32;
-        for layer in 0..self.layers() {
+        let grids = (0..self.facings()).flat_map(|plane| (0..self.layers()).map(move |layer| (layer, plane)));
+        for (layer, plane) in grids {
             let (u, v) = self.cell_coordinates(in_map, layer);
-            let gaussian = self.gaussian_at(self.place(floor(u), floor(v), layer));
+            let gaussian = self.gaussian_at(self.place(floor(u), floor(v), layer, plane));
             if gaussian.scaled[0] < 0.0 {
                 count += 1.0;
                 sum.iter_mut().zip(gaussian.worth(self.config())).for_each(|(sum, term)| *sum += term);

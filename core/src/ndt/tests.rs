@@ -1,4 +1,5 @@
 use super::*;
+use crate::facing::face;
 use crate::geometry::{Point2, Pose2};
 use crate::math::uniform;
 use proptest::prelude::*;
@@ -8,7 +9,7 @@ use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 
-const SINGLE: NdtConfig = NdtConfig { cell_size_m: 0.5, grids: 1, noise_m: 0.02 };
+const SINGLE: NdtConfig = NdtConfig { cell_size_m: 0.5, grids: 1, facings: 1, noise_m: 0.02 };
 
 /// Memory for a grid of 32 × 32 tiles.
 struct Memory {
@@ -19,13 +20,13 @@ struct Memory {
 impl Memory {
     fn new(tiles: usize) -> Self {
         Self {
-            directory: vec![DirectoryEntry::default(); 4 * 32 * 32].into(),
+            directory: vec![DirectoryEntry::default(); 12 * 32 * 32].into(),
             tiles: vec![NdtTile::EMPTY; tiles].into(),
         }
     }
 
     fn grid(&mut self, config: &NdtConfig) -> NdtGrid<'_> {
-        let entries = usize::from(config.grids) * 32 * 32;
+        let entries = config.directories() * 32 * 32;
         NdtGrid::new(config, &mut self.directory[..entries], &mut self.tiles).unwrap()
     }
 }
@@ -297,7 +298,7 @@ fn what_a_scene_says_does_not_depend_on_how_sharp_the_cells_are() {
         (0..200).flat_map(|i| [-1.0, 1.0].map(|y| Point2::new(0.05 * i as f32 - 5.0, y + 0.13))).collect();
     for noise_m in [0.005, 0.015, 0.025, 0.04] {
         let (mut memory, mut other_memory) = (Memory::new(80), Memory::new(80));
-        let config = NdtConfig { cell_size_m: 0.3, noise_m, grids: 1 };
+        let config = NdtConfig { cell_size_m: 0.3, noise_m, grids: 1, facings: 1 };
         let (mut grid, mut other) = (memory.grid(&config), other_memory.grid(&config));
         grid.insert(&corner(), Pose2::IDENTITY);
         let [xx, _, yy] = grid.constraint(&corner(), Pose2::IDENTITY);
@@ -342,4 +343,29 @@ fn frozen_cells_stay_and_others_take_points() {
     assert_eq!((grid.tiles_used(), grid.score(&corner(), Pose2::IDENTITY)), (0, 0.0));
     grid.insert(&corner(), moved);
     assert!(grid.score(&corner(), moved) > grid.score(&corner(), Pose2::IDENTITY));
+}
+
+#[test]
+fn a_wall_seen_from_its_other_side_is_another_one() {
+    let wall = |y: f32| {
+        let mut hits: Vec<Point2> = (-30..=30).map(|i| Point2::new(0.05 * i as f32, y)).collect();
+        face(&mut hits, Point2::default());
+        hits
+    };
+    let score = |facings, sees: &[Point2], at: Pose2| {
+        let config = NdtConfig { facings, ..NdtConfig::default() };
+        let mut memory = Memory::new(200);
+        let mut grid = memory.grid(&config);
+        grid.insert(&wall(2.0), Pose2::IDENTITY);
+        grid.score(sees, at) / sees.len() as f32
+    };
+    for heading in [0.0, 1.0, 2.5, -2.0] {
+        let turned = Pose2::new(0.0, 0.0, heading);
+        let same: Vec<Point2> = wall(2.0).iter().map(|point| turned.inverse().transform(*point)).collect();
+        assert!(score(3, &same, turned) > 0.9, "the same side from another heading, {heading}");
+    }
+    // From 2.1 m behind it, looking back: its other side, 0.1 m off.
+    let behind = Pose2::new(0.0, 4.1, std::f32::consts::PI);
+    assert!(score(1, &wall(2.0), behind) > 0.03);
+    assert_eq!(score(3, &wall(2.0), behind), 0.0);
 }

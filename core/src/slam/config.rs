@@ -89,7 +89,7 @@ impl SlamConfig {
     /// particles, beams of up to 8 m, fewer of them weighed and printed.
     pub fn small() -> Self {
         let mut config = Self {
-            ndt: NdtConfig { grids: 2, noise_m: 0.025, ..NdtConfig::default() },
+            ndt: NdtConfig { grids: 2, facings: 1, noise_m: 0.025, ..NdtConfig::default() },
             matcher: MatcherConfig { search_points: 16, ..MatcherConfig::default() },
             particles: LowSlamConfig { particles: 32, ..LowSlamConfig::default() },
             ..Self::default()

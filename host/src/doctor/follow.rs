@@ -69,7 +69,7 @@ impl FollowerMemory {
         let mut config = *slam;
         (config.de.population, config.de.generations) = (POPULATION, GENERATIONS);
         config.matcher.search_points = SEARCH_POINTS;
-        config.ndt.grids = config.ndt.grids.min(GRIDS);
+        (config.ndt.grids, config.ndt.facings) = (config.ndt.grids.min(GRIDS), 1);
         (config.recovery.population, config.recovery.generations) = LOST;
         config.recovery.search_points = SEARCH_POINTS;
         Self { odometry: MapperMemory::of_matching(&config, memory), config }
@@ -158,12 +158,12 @@ fn points(scan: &RangeScan<'_>, radius_m: f32) -> anyhow::Result<Vec<Point2>> {
 /// True if `now`, seen in a mirror, agrees with `before`, and as it is does not.
 fn is_mirrored(config: &LaserOdometryConfig, before: &LogScan, now: &LogScan) -> anyhow::Result<bool> {
     const SIDE: usize = 256;
-    let mut directory = vec![DirectoryEntry::default(); usize::from(config.ndt.grids) * SIDE * SIDE];
+    let mut directory = vec![DirectoryEntry::default(); config.ndt.directories() * SIDE * SIDE];
     let mut tiles = vec![NdtTile::EMPTY; 16_000];
     let mut grid = NdtGrid::new(&config.ndt, &mut directory, &mut tiles)?;
     grid.insert(&points(&before.scan(), 0.0)?, Pose2::IDENTITY);
     let source = points(&now.scan(), config.filter.radius_m)?;
-    let mirrored: Vec<Point2> = source.iter().map(|point| Point2 { x: point.x, y: -point.y }).collect();
+    let mirrored: Vec<Point2> = source.iter().map(|point| Point2::new(point.x, -point.y)).collect();
     let size = usize::from(config.recovery.population);
     let score = |points: &[Point2]| {
         let mut population = vec![lrfslam_core::de::Member::EMPTY; size];

@@ -81,12 +81,14 @@ pub(super) struct MatcherPools {
 
 impl MatcherPools {
     fn new(config: &SlamConfig, memory: &MemoryConfig) -> Self {
-        let layers = usize::from(config.ndt.grids);
         let population = config.de.population.max(config.recovery.population);
         let points = usize::from(memory.scan_points);
         let key_scans = config.odometry.key_scans();
         Self {
-            directory: vec![DirectoryEntry::default(); layers * NDT_DIRECTORY_SIDE * NDT_DIRECTORY_SIDE],
+            directory: vec![
+                DirectoryEntry::default();
+                config.ndt.directories() * NDT_DIRECTORY_SIDE * NDT_DIRECTORY_SIDE
+            ],
             tiles: vec![NdtTile::EMPTY; usize::from(memory.ndt_tiles)],
             population: vec![Member::EMPTY; usize::from(population)],
             points: vec![Point2::default(); points],

@@ -177,7 +177,7 @@ impl Walls {
             revisited.cells += 1;
             if wall.passes >= ENOUGH {
                 let centre = |index: i32| (index as f32 + 0.5) * CELL_M;
-                revisited.contradicted.push(Point2 { x: centre(cell.column), y: centre(cell.row) });
+                revisited.contradicted.push(Point2::new(centre(cell.column), centre(cell.row)));
             }
         }
         revisited.contradicted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
@@ -252,10 +252,10 @@ mod tests {
     /// Somebody walks ahead of the robot on the way out, and is not there on any other.
     #[test]
     fn who_walks_is_no_wall_and_what_was_moved_is_little() {
-        let ahead = |pose: Pose2| Point2 { x: pose.x + 1.5, y: 0.3 };
+        let ahead = |pose: Pose2| Point2::new(pose.x + 1.5, 0.3);
         let walked = drive(|number, pose| (pose, (number < 280).then(|| ahead(pose))));
         assert!(walked.contradicted_m() < 0.02 * walked.length_m(), "{} m", walked.contradicted_m());
-        let chair = Point2 { x: 15.0, y: 0.6 };
+        let chair = Point2::new(15.0, 0.6);
         let moved = drive(|number, pose| (pose, (number < 300).then_some(chair)));
         assert!((0.2..2.0).contains(&moved.contradicted_m()), "{} m", moved.contradicted_m());
     }

@@ -169,9 +169,10 @@ pub struct Closer {
 impl Closer {
     /// One that has found nothing yet.
     pub fn new(ndt: &NdtConfig) -> Self {
+        let ndt = NdtConfig { grids: 4, ..*ndt };
         Self {
-            ndt: NdtConfig { grids: 4, ..*ndt },
-            directory: vec![DirectoryEntry::default(); 4 * DIRECTORY_SIDE * DIRECTORY_SIDE],
+            directory: vec![DirectoryEntry::default(); ndt.directories() * DIRECTORY_SIDE * DIRECTORY_SIDE],
+            ndt,
             tiles: vec![NdtTile::EMPTY; 32768],
             waiting: Vec::new(),
         }

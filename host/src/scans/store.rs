@@ -3,6 +3,7 @@
 //! Eight bytes a beam: bearing and range as they lie in the middle of the sweep; invalid beams are left out. Saved, it is two or three:
 //! ranges to 0.1 mm and bearings to 10 µrad, from beam to beam.
 
+use lrfslam_core::facing::face;
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::sweep::Sweep;
@@ -112,7 +113,10 @@ impl ScanStore {
     pub fn hits(&self, index: usize, range_max_m: f32) -> impl Iterator<Item = Point2> + '_ {
         let robot_from_lrf = self.robot_from_lrf(index);
         let near = self.beams_of(index).iter().filter(move |beam| (0.0..=range_max_m).contains(&beam.range_m));
-        near.map(move |beam| robot_from_lrf.transform(Point2::from_polar(beam.range_m, beam.bearing_rad)))
+        let place = |beam: &KeptBeam| robot_from_lrf.transform(Point2::from_polar(beam.range_m, beam.bearing_rad));
+        let mut hits: Vec<Point2> = near.map(place).collect();
+        face(&mut hits, robot_from_lrf.position());
+        hits.into_iter()
     }
 
     /// Beams of scan `index`; none of one that was forgotten.

@@ -3,7 +3,7 @@
 use crate::config::{LaserConfig, LaserFamily, RobotConfig};
 use crate::wire::message::{Capacities, PARTICLES_MAX};
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::ndt::NdtGrid;
+use lrfslam_core::ndt::{NdtConfig, NdtGrid};
 use lrfslam_core::slam::SlamMemory;
 use lrfslam_core::slam::TILE_SIDE;
 use lrfslam_lrf::{hokuyo_scip, sick_lms};
@@ -47,10 +47,12 @@ pub enum Misfit {
         room: usize,
     },
     /// The directory of the matcher's reference cannot be divided among so many.
-    #[error("ndt.grids is {wanted}, the memory is divided for {grids}")]
+    #[error("ndt.grids is {wanted}, the memory is divided for {grids}{}", if *.facings == 1 { "" } else { " and ndt.facings = 1" })]
     Grids {
         /// `ndt.grids`.
         wanted: u16,
+        /// `ndt.facings`.
+        facings: u16,
         /// That would fit.
         grids: u16,
     },
@@ -115,12 +117,13 @@ fn matching(config: &RobotConfig, memory: &SlamMemory<'_, TILE_SIDE>) -> Option<
     if key_scans > odometry.key_scans.len() || key_scans * odometry.points.len() > odometry.key_points.len() {
         return Some(Misfit::Reference);
     }
-    let (wanted, directory) = (config.slam.ndt.grids, odometry.directory.len());
-    if NdtGrid::is_directory(wanted, directory) {
+    let (ndt, directory) = (config.slam.ndt, odometry.directory.len());
+    if NdtGrid::is_directory(&ndt, directory) {
         return None;
     }
-    let grids = (1..=4).find(|grids| NdtGrid::is_directory(*grids, directory)).unwrap_or(0);
-    Some(Misfit::Grids { wanted, grids })
+    let fits = |grids: &u16| NdtGrid::is_directory(&NdtConfig { grids: *grids, facings: 1, ..ndt }, directory);
+    let grids = (1..=4).find(fits).unwrap_or(0);
+    Some(Misfit::Grids { wanted: ndt.grids, facings: ndt.facings, grids })
 }
 
 fn reach(config: &RobotConfig, capacities: &Capacities) -> Option<Misfit> {

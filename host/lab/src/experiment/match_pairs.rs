@@ -156,7 +156,7 @@ impl Bench {
             self.without_overlap += 1;
             return;
         }
-        let layers = usize::from(self.run.slam.ndt.grids);
+        let layers = self.run.slam.ndt.directories();
         let config = NdtConfig { cell_size_m: self.config.cell_size_m, ..self.run.slam.ndt };
         let directory = &mut self.directory[..layers * 512 * 512];
         let Ok(mut ndt) = NdtGrid::new(&config, directory, &mut self.tiles) else { return };

@@ -295,7 +295,7 @@ impl Bench {
 
     fn config(&self, method: Method, run: &Rig) -> NdtConfig {
         match method {
-            Method::Thesis => NdtConfig { cell_size_m: 1.0, grids: 1, noise_m: 0.0 },
+            Method::Thesis => NdtConfig { cell_size_m: 1.0, grids: 1, facings: 1, noise_m: 0.0 },
             Method::Ours => NdtConfig { cell_size_m: self.cell_size_m, ..run.slam.ndt },
         }
     }
@@ -341,7 +341,7 @@ impl Bench {
 
 /// An empty plane.
 fn cells<'m>(config: &NdtConfig, directory: &'m mut [DirectoryEntry], tiles: &'m mut [NdtTile]) -> Option<NdtGrid<'m>> {
-    let layers = usize::from(config.grids);
+    let layers = config.directories();
     NdtGrid::new(config, &mut directory[..layers * SIDE * SIDE], tiles).ok()
 }
 

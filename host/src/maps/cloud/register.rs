@@ -48,9 +48,11 @@ pub fn level_from_lrf(floor: &Plane) -> Option<Isometry3<f64>> {
 /// * `map`, `points` — bands of heights, see [`band`]
 /// * `near` — the search is centred here
 pub fn register(map: &[Point2], points: &[Point2], near: Pose2, config: &RegisterConfig) -> Option<Match> {
+    // Points from above face no way.
+    let ndt = NdtConfig { facings: 1, ..NdtConfig::default() };
     let mut directory = vec![DirectoryEntry::default(); 4 * 1024 * 1024];
     let mut tiles = vec![NdtTile::EMPTY; usize::from(u16::MAX)];
-    let mut ndt = NdtGrid::new(&NdtConfig::default(), &mut directory, &mut tiles).ok()?;
+    let mut ndt = NdtGrid::new(&ndt, &mut directory, &mut tiles).ok()?;
     ndt.insert(map, Pose2::IDENTITY);
     // The score of a scan that fits everywhere: it is not reached, and the search uses all its generations.
     let prediction = Prediction { prior: PriorSpread::NONE, ..Prediction::usual(near, points.len() as f32) };
