@@ -1,66 +1,14 @@
 //! The plane of cells: tiles, their directory, insertion and removal.
 
 use super::cell::{CellSums, Gaussian};
+use super::tile::{DirectoryEntry, InsertReport, NdtMemoryError, NdtTile, TILE_CELLS, TILE_SHIFT};
 use super::{GRIDS_MAX, NdtConfig};
 use crate::facing::FACINGS_MAX;
 use crate::geometry::{Point2, Pose2};
 use crate::math::{floor, sin_cos};
 
-/// Cells along a tile's side.
-pub const TILE_CELLS: usize = 1 << TILE_SHIFT;
-const TILE_SHIFT: u32 = 1;
-const TILE_AREA: usize = TILE_CELLS * TILE_CELLS;
 /// Farther than this from the origin a point is dropped, m: 16-bit tile coordinates and `f32` give out.
 const REACH_M: f32 = 5_000.0;
-
-/// Cells of one square of the plane. All zero when empty, so that a static pool costs no flash.
-///
-/// What the look-up reads stands together.
-#[derive(Debug, Clone)]
-#[repr(C)]
-pub struct NdtTile {
-    /// Of its place in the plane.
-    key: u32,
-    /// Of this tile in the directory, or the next free tile.
-    link: u32,
-    gaussians: [Gaussian; TILE_AREA],
-    sums: [CellSums; TILE_AREA],
-}
-
-impl NdtTile {
-    /// A tile without points.
-    pub const EMPTY: Self =
-        Self { key: 0, link: 0, sums: [CellSums::EMPTY; TILE_AREA], gaussians: [Gaussian::EMPTY; TILE_AREA] };
-}
-
-/// The tile that holds one of the places of the plane that share this entry; 0 if none does.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct DirectoryEntry(u16);
-
-impl DirectoryEntry {
-    /// Of places without a tile.
-    pub const EMPTY: Self = Self(0);
-}
-
-/// The memory lent to an [`NdtGrid`] does not fit together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum NdtMemoryError {
-    /// The directory's length must be layers × 4ⁿ.
-    #[error("directory of {0} entries: expected layers times a power of four, at most 4096 squared")]
-    Directory(usize),
-    /// Tile 0 stays empty, and a 16-bit index names the others.
-    #[error("{0} tiles: expected 1 to 65535")]
-    Tiles(usize),
-}
-
-/// What an insertion could not keep.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct InsertReport {
-    /// Points that found no tile because the pool was full of nearer ones, counted once per layer.
-    pub dropped: u32,
-    /// Tiles forgotten because a place nearer to the robot needed their memory, or their place in the directory.
-    pub evicted: u32,
-}
 
 /// A plane of cells over memory lent by the caller; see the [module](super).
 #[derive(Debug)]

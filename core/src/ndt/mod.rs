@@ -4,7 +4,8 @@
 //! rebuilt) → one Gaussian per cell → score of a scan at a pose.
 //!
 //! Cells live in tiles of 2 × 2, tiles in a pool lent by the caller; a directory that wraps around like a torus finds a
-//! tile from its place in the plane. So the plane has no edge and memory does not depend on how far the robot goes.
+//! tile from its place in the plane. So the plane has no edge and memory does not depend on how far the robot goes. There are three such planes: points are drawn
+//! in those of their [facing](crate::facing), and looked up in one, so that a wall is not matched with its other side.
 //!
 //! # Invariants
 //! * Sums are integers (offsets from the cell's centre in 1/256 of its side): the order of insertion does not matter, and
@@ -18,10 +19,12 @@ mod cell;
 mod grid;
 mod look_through;
 mod score;
+mod tile;
 
 pub(crate) use cell::SHARP_M;
-pub use grid::{DirectoryEntry, InsertReport, NdtGrid, NdtMemoryError, NdtTile, TILE_CELLS};
+pub use grid::NdtGrid;
 pub use score::{Linearisation, Scatter};
+pub use tile::{DirectoryEntry, InsertReport, NdtMemoryError, NdtTile, TILE_CELLS};
 
 use crate::facing::FACINGS_MAX;
 
