@@ -20,7 +20,7 @@ pub(super) struct Memory {
 impl Memory {
     pub(super) fn new(tiles: usize) -> Self {
         Self {
-            directory: vec![DirectoryEntry::default(); 12 * 128 * 128],
+            directory: vec![DirectoryEntry::default(); NdtConfig::DIRECTORIES_MAX * 128 * 128],
             tiles: vec![NdtTile::EMPTY; tiles],
             population: vec![Member::EMPTY; 300],
             points: vec![Point2::default(); 200],

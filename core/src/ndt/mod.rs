@@ -49,6 +49,9 @@ crate::config! {
 }
 
 impl NdtConfig {
+    /// The most of [`directories`](Self::directories).
+    pub const DIRECTORIES_MAX: usize = GRIDS_MAX as usize * FACINGS_MAX as usize;
+
     /// Grids of all planes together: directories of an [`NdtGrid`].
     pub fn directories(&self) -> usize {
         usize::from(self.grids) * usize::from(self.facings)

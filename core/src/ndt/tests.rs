@@ -20,7 +20,7 @@ struct Memory {
 impl Memory {
     fn new(tiles: usize) -> Self {
         Self {
-            directory: vec![DirectoryEntry::default(); 12 * 32 * 32].into(),
+            directory: vec![DirectoryEntry::default(); NdtConfig::DIRECTORIES_MAX * 32 * 32].into(),
             tiles: vec![NdtTile::EMPTY; tiles].into(),
         }
     }

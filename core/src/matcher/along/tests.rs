@@ -24,7 +24,7 @@ fn points(world: &World, x: f32, radius_m: f32, rng: &mut Pcg32) -> Vec<Point2> 
 /// How far along the axis a robot is put by all points and by those that tell, m: it has driven up to 0, is at `x` and expected at `predicted`.
 fn places(world: &World, x: f32, predicted: f32, seed: u64) -> [f32; 2] {
     let mut rng = Pcg32::seed_from_u64(seed);
-    let mut directory = vec![DirectoryEntry::default(); 12 * 128 * 128];
+    let mut directory = vec![DirectoryEntry::default(); NdtConfig::DIRECTORIES_MAX * 128 * 128];
     let mut tiles = vec![NdtTile::EMPTY; 3200];
     let mut ndt = NdtGrid::new(&NdtConfig::default(), &mut directory, &mut tiles).unwrap();
     for step in -20..=0 {

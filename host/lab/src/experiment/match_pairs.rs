@@ -137,7 +137,7 @@ impl Bench {
         Self {
             run: *run,
             config: *config,
-            directory: vec![DirectoryEntry::default(); 4 * 512 * 512],
+            directory: vec![DirectoryEntry::default(); NdtConfig::DIRECTORIES_MAX * 512 * 512],
             tiles: vec![NdtTile::EMPTY; 16384],
             population: vec![Member::EMPTY; usize::from(run.slam.de.population)],
             without_overlap: 0,
@@ -156,9 +156,8 @@ impl Bench {
             self.without_overlap += 1;
             return;
         }
-        let layers = self.run.slam.ndt.directories();
         let config = NdtConfig { cell_size_m: self.config.cell_size_m, ..self.run.slam.ndt };
-        let directory = &mut self.directory[..layers * 512 * 512];
+        let directory = &mut self.directory[..config.directories() * 512 * 512];
         let Ok(mut ndt) = NdtGrid::new(&config, directory, &mut self.tiles) else { return };
         ndt.insert(&reference, Pose2::IDENTITY);
         // A of eq. (4.43), from a scan filtered as the one that is matched.

@@ -1,6 +1,7 @@
 //! Matching one pair of scans: what all experiments on pairs share.
 
 use lrfslam_core::de::Member;
+use lrfslam_core::facing::face;
 use lrfslam_core::filter::{FilterConfig, hits, thin};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::matcher::{CONSTRAINT_MIN, Match, MatcherConfig, Prediction, ScanMatcher, SearchConfig};
@@ -62,7 +63,9 @@ pub(super) fn points_of(scan: &LogScan, radius_m: f32, rig: &Rig) -> Vec<Point2>
     let robot_from_lrf = scan.robot_from_lrf.unwrap_or(rig.robot_from_lrf);
     // There is a place for every beam: this cannot fail.
     let hits = hits(&Sweep::at_rest(scan.scan(), robot_from_lrf), &mut raw);
-    let count = hits.and_then(|hits| thin(&FilterConfig { radius_m }, hits, &mut points)).map_or(0, |kept| kept.len());
+    let mut faced = hits.unwrap_or_default().to_vec();
+    face(&mut faced, robot_from_lrf.position());
+    let count = thin(&FilterConfig { radius_m }, &faced, &mut points).map_or(0, |kept| kept.len());
     points.truncate(count);
     points
 }

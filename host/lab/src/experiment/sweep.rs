@@ -279,7 +279,7 @@ impl Bench {
     fn new(cell_size_m: f32) -> Self {
         Self {
             cell_size_m,
-            directory: vec![DirectoryEntry::default(); 4 * SIDE * SIDE],
+            directory: vec![DirectoryEntry::default(); NdtConfig::DIRECTORIES_MAX * SIDE * SIDE],
             tiles: vec![NdtTile::EMPTY; 16384],
             population: vec![Member::EMPTY; 1000],
         }
@@ -341,8 +341,7 @@ impl Bench {
 
 /// An empty plane.
 fn cells<'m>(config: &NdtConfig, directory: &'m mut [DirectoryEntry], tiles: &'m mut [NdtTile]) -> Option<NdtGrid<'m>> {
-    let layers = config.directories();
-    NdtGrid::new(config, &mut directory[..layers * SIDE * SIDE], tiles).ok()
+    NdtGrid::new(config, &mut directory[..config.directories() * SIDE * SIDE], tiles).ok()
 }
 
 /// The scan with Gaussian noise on its ranges.
