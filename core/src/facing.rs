@@ -10,8 +10,10 @@ use core::f32::consts::TAU;
 
 use crate::geometry::Point2;
 
-/// Planes at most: thirds of a turn, so that two sides of a wall are never in the same one, and one side is in one of them however noisy it is.
+/// Parts of a turn at most that have a plane each: thirds, so that two sides of a wall are never in the same one, and one side is in one of them however noisy it is.
 pub const FACINGS_MAX: u16 = 3;
+/// Planes at most: one for each part, and one for all points, where those are looked up whose wall nobody has seen the direction of.
+pub const PLANES_MAX: usize = FACINGS_MAX as usize + 1;
 /// A wall that may as well be in the next third is drawn in both, rad: chosen, the noise of its direction.
 const MARGIN_RAD: f32 = 0.35;
 /// Neighbours on the same wall are as near as this, m …
@@ -25,14 +27,19 @@ const BEHIND_SIN: f32 = 0.15;
 /// So many hits of something else may stand between those of a wall: leaves, a net. All chosen.
 const BETWEEN: u32 = 3;
 
+/// Planes of a plane of cells for so many parts of a turn.
+pub(crate) fn planes(facings: u32) -> u32 {
+    if facings == 1 { 1 } else { facings + 1 }
+}
+
 /// Which way the wall runs that a point lies on, with who saw it on its left.
 ///
-/// An angle + 2π, rad, in the point's own frame; its negative where that is assumed only; 0 where nothing is known.
+/// An angle + 2π, rad, in the point's own frame; 0 where nobody has seen it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Facing(f32);
 
 impl Facing {
-    /// Nothing is known.
+    /// Nobody has seen it: what stands alone, and a wall that is seen so flat that hits are far apart.
     pub const UNKNOWN: Self = Self(0.0);
 
     /// Of a wall that runs along `direction`.
@@ -51,39 +58,40 @@ impl Facing {
         if self == Self::UNKNOWN {
             return self;
         }
-        let angle = self.0.abs() + heading;
-        let angle = if angle > 1.5 * TAU {
+        let angle = self.0 + heading;
+        Self(if angle > 1.5 * TAU {
             angle - TAU
         } else if angle < 0.5 * TAU {
             angle + TAU
         } else {
             angle
-        };
-        Self(angle.copysign(self.0))
+        })
     }
 
-    /// The plane where the point is looked up, one of so many `facings`.
+    /// The plane where the point is looked up: of the part of a turn that its wall faces, or that of all points, the last one, if nobody has seen it.
     ///
     /// * `heading` — of its frame, rad in (−π, π]
+    /// * `facings` — parts of a turn; with 1 there is one plane
     #[inline(always)]
     pub fn plane(self, heading: f32, facings: u32) -> u32 {
-        if facings == 1 || self == Self::UNKNOWN {
+        if facings == 1 {
             return 0;
         }
-        let parts = (self.0.abs() + heading) * (facings as f32 / TAU);
+        if !self.is_seen() {
+            return facings;
+        }
+        let parts = (self.0 + heading) * (facings as f32 / TAU);
         (parts as u32) % facings
     }
 
-    /// True if the point is drawn in this plane. In all of them, if nobody has seen which way its wall runs.
+    /// True if the point is drawn in this plane: in those of its wall, and in that of all points. In each of them, if nobody has seen which way its wall runs.
     pub(crate) fn is_drawn_in(self, plane: u32, heading: f32, facings: u32) -> bool {
         let beside = |by: f32| Self(self.0 + by).plane(heading, facings) == plane;
-        facings == 1 || !self.is_seen() || [-MARGIN_RAD, 0.0, MARGIN_RAD].into_iter().any(beside)
+        plane == facings || facings == 1 || !self.is_seen() || [-MARGIN_RAD, 0.0, MARGIN_RAD].into_iter().any(beside)
     }
 }
 
 /// Tells of hits in the order of their beams which way their walls face.
-///
-/// One without neighbours is taken to lie across the line of sight.
 ///
 /// * `eye` — where the laser is, in the frame of the hits
 pub fn face(hits: &mut [Point2], eye: Point2) {
@@ -99,12 +107,12 @@ fn facing(hits: &[Point2], index: usize, eye: Point2) -> Facing {
     let Some((before, [hit, after @ ..])) = hits.split_at_checked(index) else { return Facing::UNKNOWN };
     let sight = *hit - eye;
     let (behind, ahead) = (mean_beside(before.iter().rev(), *hit, sight), mean_beside(after.iter(), *hit, sight));
-    let wall = ahead.unwrap_or(*hit) - behind.unwrap_or(*hit);
-    let is_seen = behind.is_some() || ahead.is_some();
-    let along = if is_seen { wall } else { Point2::new(sight.y, -sight.x) };
+    if behind.is_none() && ahead.is_none() {
+        return Facing::UNKNOWN;
+    }
+    let along = ahead.unwrap_or(*hit) - behind.unwrap_or(*hit);
     let is_left = along.y * sight.x >= along.x * sight.y;
-    let Facing(angle) = Facing::seen(if is_left { along } else { along * -1.0 });
-    Facing(if is_seen { angle } else { -angle })
+    Facing::seen(if is_left { along } else { along * -1.0 })
 }
 
 /// Mean of the neighbours of `hit` to one side that are on its wall, the nearest ones first; `None` without any.
@@ -135,7 +143,7 @@ fn mean_beside<'a>(neighbours: impl Iterator<Item = &'a Point2>, hit: Point2, si
 mod tests {
     use super::*;
     use crate::math::wrap_angle;
-    use core::f32::consts::{FRAC_PI_2, PI};
+    use core::f32::consts::PI;
     use std::vec::Vec;
 
     const THREE: u32 = 3;
@@ -190,17 +198,16 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_alone_is_drawn_in_all_planes_and_looked_up_across_the_line_of_sight() {
+    fn what_stands_alone_is_drawn_in_all_planes_and_looked_up_in_that_of_all_points() {
         let mut hits = [Point2::new(2.0, 0.0), Point2::new(2.0, 3.0)];
         face(&mut hits, Point2::default());
         for hit in hits {
-            assert!(!hit.facing.is_seen() && (0..THREE).all(|plane| hit.facing.is_drawn_in(plane, 0.0, THREE)));
+            assert!(
+                hit.facing == Facing::UNKNOWN && (0..=THREE).all(|plane| hit.facing.is_drawn_in(plane, 0.0, THREE))
+            );
         }
-        assert_eq!(
-            hits[0].facing.plane(0.0, THREE),
-            Facing::seen(Point2::from_polar(1.0, FRAC_PI_2)).plane(0.0, THREE)
-        );
-        assert_eq!(Facing::UNKNOWN.plane(1.0, THREE), 0);
+        assert_eq!((Facing::UNKNOWN.plane(1.0, THREE), Facing::UNKNOWN.plane(1.0, 1)), (THREE, 0));
+        assert!(wall(2.0).iter().all(|point| point.facing.is_drawn_in(THREE, 1.0, THREE)));
         assert_eq!(Facing::UNKNOWN.turned(1.0), Facing::UNKNOWN);
     }
 
@@ -208,7 +215,7 @@ mod tests {
     fn numbers_without_meaning_have_a_plane() {
         let mut hits = [Point2::new(f32::NAN, 0.0), Point2::new(f32::INFINITY, 3.0), Point2::default()];
         face(&mut hits, Point2::default());
-        assert!(hits.iter().all(|hit| hit.facing.plane(f32::NAN, THREE) < THREE));
+        assert!(hits.iter().all(|hit| hit.facing.plane(f32::NAN, THREE) <= THREE));
         face(&mut [], Point2::default());
     }
 }

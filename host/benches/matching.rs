@@ -53,7 +53,10 @@ struct Memory {
 
 impl Memory {
     fn new() -> Self {
-        Self { directory: vec![DirectoryEntry::default(); NdtConfig::DIRECTORIES_MAX * 512 * 512], tiles: vec![NdtTile::EMPTY; 16000] }
+        Self {
+            directory: vec![DirectoryEntry::default(); NdtConfig::DIRECTORIES_MAX * 512 * 512],
+            tiles: vec![NdtTile::EMPTY; 16000],
+        }
     }
 
     fn grid(&mut self, config: &NdtConfig, hits: &[Point2]) -> NdtGrid<'_> {

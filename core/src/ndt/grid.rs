@@ -3,7 +3,7 @@
 use super::cell::{CellSums, Gaussian};
 use super::tile::{DirectoryEntry, InsertReport, NdtMemoryError, NdtTile, TILE_CELLS, TILE_SHIFT};
 use super::{GRIDS_MAX, NdtConfig};
-use crate::facing::FACINGS_MAX;
+use crate::facing::{FACINGS_MAX, PLANES_MAX, planes};
 use crate::geometry::{Point2, Pose2};
 use crate::math::{floor, sin_cos};
 
@@ -112,7 +112,12 @@ impl<'m> NdtGrid<'m> {
         self.layers
     }
 
-    /// Planes of walls that face different ways, 3 at most.
+    /// Its planes, 4 at most.
+    pub(super) fn planes(&self) -> u32 {
+        planes(self.facings)
+    }
+
+    /// Parts of a turn with a plane each, 3 at most.
     pub(super) fn facings(&self) -> u32 {
         self.facings
     }
@@ -143,14 +148,14 @@ impl<'m> NdtGrid<'m> {
         let evicted_before = self.evicted;
         self.farthest = f32::INFINITY;
         let (sin, cos) = sin_cos(map_from_robot.heading);
-        let mut stale = [[None; GRIDS_MAX as usize]; FACINGS_MAX as usize];
+        let mut stale = [[None; GRIDS_MAX as usize]; PLANES_MAX];
         let robot = map_from_robot.position();
         for point in points {
             let in_map = rotate_translate(*point, sin, cos, map_from_robot);
             let in_reach = in_map.x.abs() < REACH_M && in_map.y.abs() < REACH_M;
             let facings = self.facings;
             let is_drawn = |plane| point.facing.is_drawn_in(plane, map_from_robot.heading, facings);
-            for (plane, stale) in (0..facings).zip(&mut stale).filter(|(plane, _)| is_drawn(*plane)) {
+            for (plane, stale) in (0..self.planes()).zip(&mut stale).filter(|(plane, _)| is_drawn(*plane)) {
                 for (layer, stale) in (0..self.layers).zip(stale) {
                     if !(in_reach && self.update_layer((in_map, layer, plane), sign, robot, stale)) {
                         report.dropped += 1;

@@ -48,7 +48,7 @@ impl NdtGrid<'_> {
     fn look_along(&mut self, eye: Point2, hit: Point2, layer: u32) {
         let Some(ray) = Ray::new(eye, hit, self.config().cell_size_m) else { return };
         for cell in cells_on_ray(eye, hit, 1.0) {
-            for plane in 0..self.facings() {
+            for plane in 0..self.planes() {
                 let place = self.place(cell.column, cell.row, layer, plane);
                 if ray.goes_through(self.gaussian_at(place), cell) {
                     self.change(place, CellSums::weaken);
@@ -65,7 +65,7 @@ impl NdtGrid<'_> {
         let Some(ray) = Ray::new(eye, hit, self.config().cell_size_m) else { return false };
         cells_on_ray(eye, hit, 1.0).any(|cell| {
             let of = |plane| self.gaussian_at(self.place(cell.column, cell.row, 0, plane));
-            (0..self.facings()).any(|plane| ray.goes_through(of(plane), cell))
+            (0..self.planes()).any(|plane| ray.goes_through(of(plane), cell))
         })
     }
 }

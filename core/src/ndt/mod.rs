@@ -4,8 +4,8 @@
 //! rebuilt) → one Gaussian per cell → score of a scan at a pose.
 //!
 //! Cells live in tiles of 2 × 2, tiles in a pool lent by the caller; a directory that wraps around like a torus finds a
-//! tile from its place in the plane. So the plane has no edge and memory does not depend on how far the robot goes. There are three such planes: points are drawn
-//! in those of their [facing](crate::facing), and looked up in one, so that a wall is not matched with its other side.
+//! tile from its place in the plane. So the plane has no edge and memory does not depend on how far the robot goes. There is one such plane for each third of a turn
+//! and one for all points. A point is drawn in those of its [facing](crate::facing), and looked up in one, so that a wall is not matched with its other side.
 //!
 //! # Invariants
 //! * Sums are integers (offsets from the cell's centre in 1/256 of its side): the order of insertion does not matter, and
@@ -26,7 +26,7 @@ pub use grid::NdtGrid;
 pub use score::{Linearisation, Scatter};
 pub use tile::{DirectoryEntry, InsertReport, NdtMemoryError, NdtTile, TILE_CELLS};
 
-use crate::facing::FACINGS_MAX;
+use crate::facing::{FACINGS_MAX, PLANES_MAX, planes};
 
 /// Shifts that a grid may have, so that no two are alike.
 const GRIDS_MAX: u16 = 4;
@@ -39,8 +39,8 @@ crate::config! {
         /// Grids that overlap, averaged: a second one is shifted by half a cell in x and y, a third in x, a fourth in y (Biber has all four).
         /// More are smoother and more accurate, memory and time are in proportion; the search for a match uses the first one only.
         grids: u16 = 4, in 1..=GRIDS_MAX;
-        /// Planes of cells for walls that face different ways: 3, so that a wall seen from one side is not matched with its other side, or 1: all are
-        /// one. Memory is in proportion to what is seen from both sides. Biber and the thesis: 1.
+        /// Parts of a turn: walls that face different ones lie in planes of cells of their own, so that a wall seen from one side is not matched with
+        /// its other side, and in one for all points. 3, or 1: there is one plane. 3 takes 3 times the memory. Biber and the thesis: 1.
         facings: u16 = 3, in 1..=FACINGS_MAX;
         /// Standard deviation added to every cell in both directions, m: the error of the poses the points were seen from. Larger is
         /// smoother: fewer false optima, less precise ones. Thesis: 0.
@@ -50,11 +50,11 @@ crate::config! {
 
 impl NdtConfig {
     /// The most of [`directories`](Self::directories).
-    pub const DIRECTORIES_MAX: usize = GRIDS_MAX as usize * FACINGS_MAX as usize;
+    pub const DIRECTORIES_MAX: usize = GRIDS_MAX as usize * PLANES_MAX;
 
     /// Grids of all planes together: directories of an [`NdtGrid`].
     pub fn directories(&self) -> usize {
-        usize::from(self.grids) * usize::from(self.facings)
+        usize::from(self.grids) * planes(u32::from(self.facings)) as usize
     }
 }
 

@@ -214,7 +214,7 @@ impl NdtGrid<'_> {
     pub(crate) fn worth_at(&self, in_map: Point2) -> Option<[f32; 3]> {
         let mut sum = [0.0_f32; 3];
         let mut count = 0.0_f32;
-        let grids = (0..self.facings()).flat_map(|plane| (0..self.layers()).map(move |layer| (layer, plane)));
+        let grids = (0..self.planes()).flat_map(|plane| (0..self.layers()).map(move |layer| (layer, plane)));
         for (layer, plane) in grids {
             let (u, v) = self.cell_coordinates(in_map, layer);
             let gaussian = self.gaussian_at(self.place(floor(u), floor(v), layer, plane));

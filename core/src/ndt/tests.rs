@@ -372,3 +372,23 @@ fn a_wall_seen_from_its_other_side_is_another_one() {
     assert!(score(1, &wall(2.0), behind) > 0.1);
     assert_eq!(score(3, &wall(2.0), behind), 0.0);
 }
+
+#[test]
+fn a_wall_seen_so_flat_that_its_hits_are_far_apart_is_found() {
+    let face_from = |mut hits: Vec<Point2>, eye| {
+        face(&mut hits, eye);
+        hits
+    };
+    let near = face_from((0..=80).map(|i| Point2::new(2.0 - 0.05 * i as f32, 1.0)).collect(), Point2::default());
+    let flat = face_from((0..5).map(|i| Point2::new(2.0 - 0.8 * i as f32, 1.0)).collect(), Point2::new(-10.0, 0.0));
+    assert!(near.iter().all(|hit| hit.facing.is_seen()) && !flat.iter().any(|hit| hit.facing.is_seen()));
+    let score = |drawn: &[Point2], seen: &[Point2]| {
+        let mut memory = Memory::new(200);
+        let mut grid = memory.grid(&NdtConfig::default());
+        (0..5).for_each(|_| {
+            grid.insert(drawn, Pose2::IDENTITY);
+        });
+        grid.score(seen, Pose2::IDENTITY) / seen.len() as f32
+    };
+    assert!(score(&near, &flat) > 0.5 && score(&flat, &near) > 0.05, "{} {}", score(&near, &flat), score(&flat, &near));
+}

@@ -2,7 +2,7 @@ use super::*;
 use crate::de::Member;
 use crate::low_slam::LowSlamPools;
 use crate::math::uniform;
-use crate::ndt::{DirectoryEntry, NdtTile};
+use crate::ndt::{DirectoryEntry, NdtConfig, NdtTile};
 use crate::scan::{Beam, Echo};
 use crate::test_world::World;
 use crate::time::Instant;
@@ -20,7 +20,8 @@ fn drive(
     mut blind: impl FnMut(usize) -> bool,
     mut observe: impl FnMut(&Slam<'_, 8>, &StepReport, Pose2),
 ) {
-    let (mut directory, mut tiles) = (vec![DirectoryEntry::default(); NdtConfig::DIRECTORIES_MAX * 128 * 128], vec![NdtTile::EMPTY; 1600]);
+    let (mut directory, mut tiles) =
+        (vec![DirectoryEntry::default(); NdtConfig::DIRECTORIES_MAX * 128 * 128], vec![NdtTile::EMPTY; 1600]);
     let mut population = vec![Member::EMPTY; 300];
     let (mut points, mut hits) = (vec![Point2::default(); 200], vec![Point2::default(); 200]);
     let odometry = OdometryMemory {

@@ -49,7 +49,7 @@ impl Submap {
         let any_miss = MapConfig { miss_apart_rad: 0.0, miss_gap_m: 0.0, ..MapConfig::default() };
         let config = MapConfig { cell_size_m: SQUARE_M, draw_range_m: range_max_m, ..any_miss };
         let mut squares = OccupancyMap::new(config);
-        let mut voxels: BTreeMap<(i32, i32, bool, u32), (Point2, f32)> = BTreeMap::new();
+        let mut voxels: BTreeMap<(i32, i32, u32), (Point2, f32)> = BTreeMap::new();
         let mut beams: Vec<Beam> = Vec::new();
         for (pose, scan) in scans {
             let Some(sweep) = store.sweep(scan as usize, &mut beams) else { continue };
@@ -57,7 +57,7 @@ impl Submap {
             for hit in store.hits(scan as usize, range_max_m) {
                 let point = pose.transform(hit);
                 let CellIndex { column, row } = CellIndex::containing(point, VOXEL_M);
-                let key = (row, column, point.facing.is_seen(), point.facing.plane(0.0, FACINGS));
+                let key = (row, column, point.facing.plane(0.0, FACINGS));
                 let none = Point2 { facing: point.facing, ..Point2::default() };
                 let (sum, count) = voxels.entry(key).or_insert((none, 0.0));
                 (*sum, *count) = (*sum + point, *count + 1.0);
