@@ -6,7 +6,7 @@ use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_robot::wire::message::{Status, ToRobot};
 use lrfslam_robot::{LaserConfig, LaserFamily, RobotConfig};
-use lrfslam_tests::robot_rig::{Build, Disk, Life, LineFaults, PoolSize, RobotRig, Tally};
+use lrfslam_tests::robot_rig::{Build, Disk, LineFaults, PoolSize, RobotRig, Tally};
 
 /// Until then the robot is configured.
 const LASER_AT: Duration = Duration::from_millis(6000);
@@ -44,12 +44,14 @@ enum Host {
 }
 
 /// What the host has, how the robot is, and what it did.
-fn drive(particles: u16, tiles: usize, host: Host, faults: LineFaults) -> (Life, Status, Tally) {
+///
+/// * `faults` — of the line, and their seed
+fn drive(particles: u16, tiles: usize, host: Host, (faults, seed): (LineFaults, u64)) -> (Disk, Status, Tally) {
     let scene = Box::new(Scenario::load("floor").expect("comes with the program").scene());
     let device = VirtualHokuyo::new(HokuyoModel::urg_04lx_ug01(), scene, 1);
     let memory = Box::new(move || Build::Standard.memory(&[PoolSize::Tiles(tiles)]));
     let mut rig = RobotRig::with(Disk::default(), memory, Box::new(device), &config(particles));
-    rig.set_faults(faults, 1);
+    rig.set_faults(faults, seed);
     rig.start();
     rig.run_for(LASER_AT);
     if host == Host::IsAway {
@@ -73,36 +75,51 @@ fn drive(particles: u16, tiles: usize, host: Host, faults: LineFaults) -> (Life,
     rig.ask(&ToRobot::Stop);
     rig.run_until(|rig| rig.disk.lives.last().is_some_and(|life| life.map.is_complete()));
     rig.run_for(Duration::from_millis(1000));
-    (rig.disk.lives.remove(0), rig.status, rig.tally)
+    (rig.disk, rig.status, rig.tally)
 }
 
 #[test]
 fn map_and_poses_are_those_of_a_robot_with_memory_for_all() {
-    let (large, status, with_large) = drive(1, 20_000, Host::IsAway, LineFaults::default());
-    let tiles = large.map.tiles().len();
+    let (large, status, with_large) = drive(1, 20_000, Host::IsAway, (LineFaults::default(), 1));
+    let large = large.lives[0].map.tiles();
+    let tiles = large.len();
     assert_eq!((status.tiles_forgotten, status.dropped_particles), (0, 0));
     assert!(with_large.tiles >= tiles, "all of its map was in its memory");
     let good = LineFaults::default();
     for (host, faults) in [(Host::Stays, good), (Host::Stays, LineFaults::all(0.01)), (Host::IsKilled, good)] {
-        let (small, status, with_small) = drive(1, TILES, host, faults);
+        let (small, status, with_small) = drive(1, TILES, host, (faults, 1));
         assert!(TILES < tiles && status.tiles_left > 100 && status.tiles_restored > 20, "{tiles}, {status:?}");
         assert_eq!((status.tiles_forgotten, status.dropped_particles), (0, 0), "{status:?}");
         assert_eq!((with_small.scans, with_small.poses), (with_large.scans, with_large.poses), "{host:?} {faults:?}");
-        assert!(small.map.tiles() == large.map.tiles(), "{host:?} {faults:?}");
+        assert!(small.lives[0].map.tiles() == large, "{host:?} {faults:?}");
     }
 }
 
-/// How many tiles are free decides which particles stay, and what has left and returned decides how many are free.
+/// How many tiles are free decides which particles stay, and what has left and returned decides how many are free. So a map depends on the line if an
+/// answer comes later than it is due, and then the robot says so: with every fifth to tenth frame spoiled on some lines, with fewer never.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn particles_that_go_for_want_of_memory_are_the_same_on_a_bad_line() {
-    let (good, status, on_good) = drive(PARTICLES, TILES_OF_MANY, Host::Stays, LineFaults::default());
+    let many = |faults| drive(PARTICLES, TILES_OF_MANY, Host::Stays, faults);
+    let (good, status, on_good) = many((LineFaults::default(), 1));
     assert!(status.dropped_particles > 1000 && status.tiles_left > 100 && status.tiles_restored > 20, "{status:?}");
-    for chance in [0.01, 0.02] {
-        let (bad, status, on_bad) = drive(PARTICLES, TILES_OF_MANY, Host::Stays, LineFaults::all(chance));
-        assert_eq!((status.tiles_forgotten, on_bad), (0, on_good), "faults at {chance}: {status:?}");
-        let told = |life: &Life| (life.map.scans().to_vec(), life.segments.clone(), life.sweeps.clone());
-        assert!(told(&bad) == told(&good) && bad.map.tiles() == good.map.tiles(), "faults at {chance}");
+    let told = |disk: &Disk| {
+        let [life] = disk.lives.as_slice() else { panic!("one life") };
+        (life.map.scans().to_vec(), life.segments.clone(), life.sweeps.clone(), life.map.tiles().clone())
+    };
+    for (chance, seeds, late_max) in [(0.01, 1..=2, 0), (0.02, 1..=4, 3)] {
+        let mut late = 0;
+        for seed in seeds {
+            let (bad, status, on_bad) = many((LineFaults::all(chance), seed));
+            assert_eq!((status.tiles_forgotten, status.damaged), (0, 0), "faults at {chance}, {seed}: {status:?}");
+            if bad.said.iter().any(|text| text.contains("the map depends on the link")) {
+                late += 1;
+                continue;
+            }
+            assert_eq!(on_bad, on_good, "faults at {chance}, {seed}: {status:?}");
+            assert!(told(&bad) == told(&good), "faults at {chance}, {seed}");
+        }
+        assert!(late <= late_max, "faults at {chance}: answers came late on {late} lines");
     }
 }
 

@@ -17,6 +17,9 @@ use lrfslam_tests::data;
 type SmallPools = LowSlamPools<8, 3264, 1024, 32, 64, 32, 682, 1024>;
 const _: () = assert!(size_of::<SmallPools>() <= 512 * 1024);
 
+/// Both match in the one plane of cells that a microcontroller has.
+const FACINGS: u16 = 1;
+
 /// The scans of a real log, or nothing with a word about it.
 fn real_scans(name: &str) -> Option<Vec<LogScan>> {
     let file = data::path(&format!("logs/{name}"))?;
@@ -26,7 +29,12 @@ fn real_scans(name: &str) -> Option<Vec<LogScan>> {
 
 /// Poses of the best particle, scan by scan, and how many particles and squares found no room.
 fn by_small_pools(scans: &[LogScan]) -> (Vec<Pose2>, usize, u64) {
-    let (mut directory, mut tiles) = (vec![DirectoryEntry::default(); 4 * 256 * 256], vec![NdtTile::EMPTY; 16384]);
+    let mut config = SlamConfig::default();
+    (config.particles.particles, config.rays.range_max_m) = (32, 8.0);
+    config.ndt.facings = FACINGS;
+    let directories = config.ndt.directories();
+    let (mut directory, mut tiles) =
+        (vec![DirectoryEntry::default(); directories * 256 * 256], vec![NdtTile::EMPTY; 16384]);
     let (mut population, mut points) = (vec![Member::EMPTY; 300], vec![Point2::default(); 1024]);
     let mut hits = points.clone();
     let odometry = OdometryMemory {
@@ -38,8 +46,6 @@ fn by_small_pools(scans: &[LogScan]) -> (Vec<Pose2>, usize, u64) {
         key_points: &mut [],
         key_scans: &mut [],
     };
-    let mut config = SlamConfig::default();
-    (config.particles.particles, config.rays.range_max_m) = (32, 8.0);
     let mut pools = Box::new(SmallPools::EMPTY);
     let memory = SlamMemory { odometry, particles: pools.lend() };
     let mut slam = Slam::new(&config, 1, memory).expect("memory fits");
@@ -61,6 +67,7 @@ fn by_small_pools(scans: &[LogScan]) -> (Vec<Pose2>, usize, u64) {
 fn by_a_computer(scans: &[LogScan]) -> Vec<Pose2> {
     let mut config = RunConfig::default();
     config.hierarchy.levels = 1;
+    config.ndt.facings = FACINGS;
     let mut memory = config.mapping().mapper_memory(1);
     let mut mapper = Mapper::new(&config.slam(), 1, &mut memory).expect("memory fits");
     let pose = |scan: &LogScan| {
