@@ -219,8 +219,8 @@ fn a_map_contradicts_itself_only_if_parts_of_it_are_displaced() {
     }
 }
 
-/// Logs with nothing wrong drift as expected; with every 8th beam a path drifts farther. Row `off-beams-8`, seed 5: 0.049 m, 1.9 times
-/// as far. Believed as far as it says, it was 0.26 m off: closures that are right were refuted, and others not looked for.
+/// Logs with nothing wrong drift as expected; with every 8th beam a path drifts farther, matched in one plane of cells. Row `off-beams-8`, seed 5: 0.049 m,
+/// 1.9 times as far. Believed as far as it says, it was 0.26 m off: closures that are right were refuted, and others not looked for.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn a_path_of_few_beams_is_believed_less() {
@@ -231,7 +231,8 @@ fn a_path_of_few_beams_is_believed_less() {
         assert_eq!(report["high"]["drift_ratio"], 1.0, "{log}");
     }
     let (Some(log), Some(relations)) = (real_data(log), real_data(relations)) else { return };
-    let config = RunConfig::default();
+    let mut config = RunConfig::default();
+    config.ndt.facings = 1;
     let scans: Vec<LogScan> = LogReader::open(&log, config.log_options()).unwrap().collect::<Result<_, _>>().unwrap();
     let row = ENVELOPE_ROWS.into_iter().find(|row| row.0 == "beams-8").unwrap();
     let (mut drift_ratio, place) = (None, (&config.mapping(), config.robot_from_lrf()));
