@@ -36,7 +36,7 @@ impl DirectoryEntry {
     pub const EMPTY: Self = Self(0);
 }
 
-/// The memory lent to an [`NdtGrid`] does not fit together.
+/// The memory lent to an [`NdtGrid`](super::NdtGrid) does not fit together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum NdtMemoryError {
     /// The directory's length must be layers × 4ⁿ.
