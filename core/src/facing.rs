@@ -81,7 +81,7 @@ impl Facing {
             return facings;
         }
         let parts = (self.0 + heading) * (facings as f32 / TAU);
-        (parts as u32) % facings
+        (parts as u32).checked_rem(facings).unwrap_or_default()
     }
 
     /// True if the point is drawn in this plane: in those of its wall, and in that of all points. In each of them, if nobody has seen which way its wall runs.
