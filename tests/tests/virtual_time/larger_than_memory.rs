@@ -96,7 +96,7 @@ fn map_and_poses_are_those_of_a_robot_with_memory_for_all() {
 }
 
 /// How many tiles are free decides which particles stay, and what has left and returned decides how many are free. So a map depends on the line if an
-/// answer comes later than it is due, and then the robot says so: with every fifth to tenth frame spoiled on some lines, with fewer never.
+/// answer comes later than it is due, and then the robot says so: with 2 % of each fault on some lines, with 1 % on none.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn particles_that_go_for_want_of_memory_are_the_same_on_a_bad_line() {
