@@ -129,7 +129,7 @@ fn floor_with_loops_closed() {
     check_floor(2, &PathBounds { rmse_m: 0.0059, worst_m: 0.0188 });
 }
 
-/// Seeds 1 to 5: 0.0172, 0.0172, 0.0172, 0.0173, 0.0162 m, at the worst 0.377 m, 0.98 % (seed 5: 0.70 %; a stretch at 350 s lies one way or another).
+/// Seeds 1 to 5: 0.0172, 0.0171, 0.0169, 0.0171, 0.0169 m, at the worst 0.37 m, 0.9 to 1.0 %.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn intel_by_matching_alone() {
