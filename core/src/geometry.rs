@@ -8,7 +8,7 @@ use lrfslam_scan::{Beam, Echo};
 
 use crate::config::{Layout, NO_LAYOUT, layout_with};
 use crate::facing::Facing;
-use crate::math::{hypot, sin_cos, wrap_angle};
+use crate::math::{atan2, hypot, sin_cos, wrap_angle};
 
 /// A point or a displacement in the plane, m.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -44,7 +44,12 @@ impl Point2 {
 
     /// Direction from the origin, counter-clockwise from +x, rad in [−π, π]; 0 at the origin itself.
     pub fn bearing_rad(self) -> f32 {
-        libm::atan2f(self.y, self.x)
+        atan2(self.y, self.x)
+    }
+
+    /// Square of the distance from the origin, m².
+    pub fn norm_squared(self) -> f32 {
+        self.x * self.x + self.y * self.y
     }
 
     /// Distance from the origin, m.
@@ -110,6 +115,7 @@ impl Pose2 {
     }
 
     /// `point` of the inner frame in the outer frame.
+    #[inline]
     pub fn transform(self, point: Point2) -> Point2 {
         let (sin, cos) = sin_cos(self.heading);
         let facing = point.facing.turned(self.heading);

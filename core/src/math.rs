@@ -4,7 +4,7 @@
 //! instructions); these stay in `f32`. Only IEEE additions, multiplications, comparisons and integer conversions
 //! are used, so that no target can round differently.
 
-use core::f32::consts::{FRAC_2_PI, LOG2_E, PI};
+use core::f32::consts::{FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E, PI};
 
 /// 1.5 × 2²³: adding it rounds to an integer, which then stands in the low bits.
 const ROUNDER: f32 = 12_582_912.0;
@@ -100,6 +100,33 @@ pub fn hypot(x: f32, y: f32) -> f32 {
     libm::sqrtf(x * x + y * y)
 }
 
+/// Angle of (`x`, `y`) from the x axis, rad in [−π, π], absolute error below 3e-7; 0 at the origin. NaN, and two infinities, give NaN.
+///
+/// Reduction to [−π/8, π/8], then the minimax polynomial of Cephes' `atanf`.
+#[inline]
+pub fn atan2(y: f32, x: f32) -> f32 {
+    const TAN_PI_8: f32 = 0.414_213_56;
+    let is_steep = y.abs() > x.abs();
+    let (long, short) = if is_steep { (y.abs(), x.abs()) } else { (x.abs(), y.abs()) };
+    let is_wide = short > TAN_PI_8 * long;
+    let t = if is_wide {
+        (short - long) / (short + long)
+    } else if long == 0.0 {
+        0.0
+    } else {
+        short / long
+    };
+    let z = t * t;
+    let p = 8.053_744_5e-2;
+    let p = p * z - 1.387_768_6e-1;
+    let p = p * z + 1.997_771e-1;
+    let p = p * z - 3.333_295e-1;
+    let within = t + t * z * p + if is_wide { FRAC_PI_4 } else { 0.0 };
+    let upper = if is_steep { FRAC_PI_2 - within } else { within };
+    let half = if x < 0.0 { PI - upper } else { upper };
+    half.copysign(y)
+}
+
 /// Uniform draw in [0, 1) with 24 random bits, from one word of `rng`.
 #[inline]
 pub fn uniform(rng: &mut impl rand_core::Rng) -> f32 {
@@ -133,6 +160,20 @@ mod tests {
             worst = worst.max((f64::from(s) - es).abs()).max((f64::from(c) - ec).abs());
         }
         assert!(worst < 1.5e-7, "worst error {worst:e}");
+    }
+
+    #[test]
+    fn atan2_keeps_its_error_bound_and_its_ends() {
+        let mut worst = 0.0_f64;
+        for i in -400_000..=400_000 {
+            let (angle, size) = (i as f32 * 7.8e-6, 1.0e-3 * (1 + i % 7 * i % 7) as f32);
+            let (x, y) = (size * libm::cosf(angle), size * libm::sinf(angle));
+            worst = worst.max((f64::from(atan2(y, x)) - libm::atan2(f64::from(y), f64::from(x))).abs());
+        }
+        assert!(worst < 3e-7, "worst error {worst:e}");
+        assert_eq!([atan2(0.0, 0.0), atan2(0.0, 1.0), atan2(0.0, -1.0), atan2(-0.0, -1.0)], [0.0, 0.0, PI, -PI]);
+        assert_eq!([atan2(1.0, 0.0), atan2(-1.0, 0.0), atan2(1.0, f32::INFINITY)], [FRAC_PI_2, -FRAC_PI_2, 0.0]);
+        assert!(atan2(f32::NAN, 1.0).is_nan() && atan2(1.0, f32::NAN).is_nan());
     }
 
     #[test]

@@ -9,7 +9,7 @@ use nalgebra::Matrix3;
 use super::objective::{Objective, Summit};
 use super::{Chosen, SEARCH_POINTS_MAX, spread};
 use crate::geometry::{Point2, Pose2};
-use crate::math::{hypot, sin_cos};
+use crate::math::{atan2, hypot, sin_cos};
 use crate::ndt::{Linearisation, NdtGrid, SHARP_M};
 
 /// An axis about which the matched points say less than this is not fully believed but drawn towards the prediction, where there is a prior.
@@ -89,7 +89,7 @@ pub(super) fn settle(objective: &Objective<'_, '_>, walking: usize, pose: Pose2)
 fn weakest_axis(objective: &Objective<'_, '_>, pose: Pose2) -> (Point2, f32) {
     let [xx, xy, yy] = objective.ndt.constraint(objective.points, pose);
     // The eigenvector of the larger eigenvalue is at half the angle of (xx − yy, 2 xy); ours stands across it.
-    let (sin, cos) = sin_cos(0.5 * libm::atan2f(2.0 * xy, xx - yy));
+    let (sin, cos) = sin_cos(0.5 * atan2(2.0 * xy, xx - yy));
     (Point2::new(-sin, cos), 0.5 * (xx + yy) - hypot(0.5 * (xx - yy), xy))
 }
 

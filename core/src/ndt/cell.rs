@@ -45,6 +45,20 @@ impl Int24 {
     }
 }
 
+/// A point in a cell, in units from its centre.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CellOffset {
+    x: i32,
+    y: i32,
+}
+
+impl CellOffset {
+    /// Of a point at (`u`, `v`) cells from the cell's centre.
+    pub(super) fn new(u: f32, v: f32) -> Self {
+        Self { x: floor(u * UNITS_PER_CELL + 0.5), y: floor(v * UNITS_PER_CELL + 0.5) }
+    }
+}
+
 /// Running sums of the points in one cell, as fixed-point offsets from its centre: 16 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct CellSums {
@@ -59,11 +73,10 @@ pub(super) struct CellSums {
 impl CellSums {
     pub(super) const EMPTY: Self = Self { count: 0, x: 0, y: 0, xx: Int24::ZERO, xy: Int24::ZERO, yy: Int24::ZERO };
 
-    /// Adds (`sign` 1) or removes (−1) a point at (`u`, `v`) cells from the cell's centre.
+    /// Adds (`sign` 1) or removes (−1) a point.
     ///
     /// Offsets are at most 129 units, so that 240 of them stay below 2¹⁵ and 240 squares below 2²³.
-    pub(super) fn update(&mut self, u: f32, v: f32, sign: i16) {
-        let (x, y) = (floor(u * UNITS_PER_CELL + 0.5), floor(v * UNITS_PER_CELL + 0.5));
+    pub(super) fn update(&mut self, CellOffset { x, y }: CellOffset, sign: i16) {
         self.count = self.count.saturating_add_signed(sign);
         for (sum, term) in [(&mut self.x, x), (&mut self.y, y)] {
             *sum = sum.wrapping_add((term as i16).wrapping_mul(sign));

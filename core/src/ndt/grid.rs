@@ -1,9 +1,9 @@
 //! The plane of cells: tiles, their directory, insertion and removal.
 
-use super::cell::{CellSums, Gaussian};
-use super::tile::{DirectoryEntry, InsertReport, NdtMemoryError, NdtTile, TILE_CELLS, TILE_SHIFT};
+use super::cell::{CellOffset, CellSums, Gaussian};
+use super::tile::{DirectoryEntry, InsertReport, NdtMemoryError, NdtTile, Place, TILE_CELLS, TILE_SHIFT};
 use super::{GRIDS_MAX, NdtConfig};
-use crate::facing::{FACINGS_MAX, PLANES_MAX, planes};
+use crate::facing::Planes;
 use crate::geometry::{Point2, Pose2};
 use crate::math::{floor, sin_cos};
 
@@ -16,7 +16,7 @@ pub struct NdtGrid<'m> {
     config: NdtConfig,
     cells_per_metre: f32,
     layers: u32,
-    facings: u32,
+    planes: Planes,
     side_shift: u32,
     directory: &'m mut [DirectoryEntry],
     tiles: &'m mut [NdtTile],
@@ -29,14 +29,6 @@ pub struct NdtGrid<'m> {
     evicted: u32,
     /// While points are inserted: no tile is farther from the robot than this, squared, in cells.
     farthest: f32,
-}
-
-/// Where a point falls in one layer.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) struct Place {
-    slot: u32,
-    key: u32,
-    cell: u32,
 }
 
 /// Binary logarithm of the places along a side of each of the `directories`; `None` if `entries` are not directories × 4ⁿ.
@@ -59,7 +51,6 @@ impl<'m> NdtGrid<'m> {
         tiles: &'m mut [NdtTile],
     ) -> Result<Self, NdtMemoryError> {
         let layers = u32::from(config.grids.min(GRIDS_MAX));
-        let facings = u32::from(config.facings.clamp(1, FACINGS_MAX));
         let side_shift = side_shift(config.directories(), directory.len());
         let side_shift = side_shift.ok_or(NdtMemoryError::Directory(directory.len()))?;
         if tiles.len() > usize::from(u16::MAX) {
@@ -73,7 +64,7 @@ impl<'m> NdtGrid<'m> {
             config,
             cells_per_metre,
             layers,
-            facings,
+            planes: Planes::new(config.facings),
             side_shift,
             directory,
             tiles,
@@ -113,13 +104,8 @@ impl<'m> NdtGrid<'m> {
     }
 
     /// Its planes, 4 at most.
-    pub(super) fn planes(&self) -> u32 {
-        planes(self.facings)
-    }
-
-    /// Parts of a turn with a plane each, 3 at most.
-    pub(super) fn facings(&self) -> u32 {
-        self.facings
+    pub(super) fn planes(&self) -> Planes {
+        self.planes
     }
 
     /// Tiles in use.
@@ -148,74 +134,97 @@ impl<'m> NdtGrid<'m> {
         let evicted_before = self.evicted;
         self.farthest = f32::INFINITY;
         let (sin, cos) = sin_cos(map_from_robot.heading);
-        let mut stale = [[None; GRIDS_MAX as usize]; PLANES_MAX];
+        let mut stale = [None; GRIDS_MAX as usize];
         let robot = map_from_robot.position();
         for point in points {
             let in_map = rotate_translate(*point, sin, cos, map_from_robot);
             let in_reach = in_map.x.abs() < REACH_M && in_map.y.abs() < REACH_M;
-            let facings = self.facings;
-            let is_drawn = |plane| point.facing.is_drawn_in(plane, map_from_robot.heading, facings);
-            for (plane, stale) in (0..self.planes()).zip(&mut stale).filter(|(plane, _)| is_drawn(*plane)) {
-                for (layer, stale) in (0..self.layers).zip(stale) {
-                    if !(in_reach && self.update_layer((in_map, layer, plane), sign, robot, stale)) {
-                        report.dropped += 1;
-                    }
-                }
+            let drawn = self.planes.drawn(point.facing, map_from_robot.heading);
+            for (layer, stale) in (0..self.layers).zip(&mut stale) {
+                report.dropped += if in_reach {
+                    self.update_layer((in_map, layer, drawn), sign, robot, stale)
+                } else {
+                    drawn.count_ones()
+                };
             }
         }
-        stale.into_iter().flatten().flatten().for_each(|place| self.refresh(place));
+        stale.into_iter().flatten().for_each(|(place, planes)| self.refresh(place, planes));
         InsertReport { evicted: self.evicted.wrapping_sub(evicted_before), ..report }
     }
 
-    /// False if the point found no tile.
+    /// In how many planes the point found no tile.
     ///
-    /// * `stale` — the layer's cell whose distribution waits to be made anew: points that follow one another are mostly of one cell
+    /// * `drawn` — the planes, as bits
+    /// * `stale` — the cell, and the planes, whose distributions wait to be made anew: points that follow one another are mostly of one cell
     fn update_layer(
         &mut self,
-        (in_map, layer, plane): (Point2, u32, u32),
+        (in_map, layer, drawn): (Point2, u32, u32),
         sign: i16,
         robot: Point2,
-        stale: &mut Option<Place>,
-    ) -> bool {
+        stale: &mut Option<(Place, u32)>,
+    ) -> u32 {
         let (u, v) = self.cell_coordinates(in_map, layer);
         let (column, row) = (floor(u), floor(v));
-        let place = self.place(column, row, layer, plane);
-        if let Some(left) = stale.replace(place).filter(|left| *left != place) {
-            self.refresh(left);
+        let first = self.place(column, row, layer, 0);
+        let offset = CellOffset::new(u - column as f32 - 0.5, v - row as f32 - 0.5);
+        let since = match *stale {
+            Some((place, planes)) if place == first => planes,
+            Some((place, planes)) => {
+                self.refresh(place, planes);
+                0
+            }
+            None => 0,
+        };
+        *stale = Some((first, since | drawn));
+        let mut dropped = 0;
+        for place in first.in_planes(drawn) {
+            let index = if sign > 0 { self.tile_for(place, robot) } else { self.tile_at(place) };
+            let is_kept = self.change_in(index, place, |sums| {
+                sums.update(offset, sign);
+                sums.fade();
+            });
+            dropped += u32::from(!is_kept);
         }
-        if sign > 0 {
-            self.tile_for(place, robot);
-        }
-        self.change(place, |sums| {
-            sums.update(u - column as f32 - 0.5, v - row as f32 - 0.5, sign);
-            sums.fade();
-        })
+        dropped
     }
 
     /// Changes the sums of a cell, unless it is frozen; false if there is no tile for it. A tile left without points returns to the pool. The
     /// distribution is to be [refreshed](Self::refresh).
     pub(super) fn change(&mut self, place: Place, change: impl FnOnce(&mut CellSums)) -> bool {
-        let index = self.tile_at(place);
+        self.change_in(self.tile_at(place), place, change)
+    }
+
+    /// The same, in the tile that `place` is known to have.
+    fn change_in(&mut self, index: u16, place: Place, change: impl FnOnce(&mut CellSums)) -> bool {
         let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return false };
         let Some(sums) = tile.sums.get_mut(place.cell as usize) else { return false };
         if sums.is_frozen() {
             return true;
         }
         change(sums);
-        if tile.sums.iter().all(CellSums::is_empty) {
+        if sums.is_empty() && tile.sums.iter().all(CellSums::is_empty) {
             self.give_back(place, index);
         }
         true
     }
 
-    /// Makes a cell's distribution that of its sums, if it has a tile and is not frozen.
-    pub(super) fn refresh(&mut self, place: Place) {
-        let (index, cell) = (self.tile_at(place), place.cell as usize);
-        let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { return };
-        if let (Some(sums), Some(gaussian)) = (tile.sums.get(cell), tile.gaussians.get_mut(cell))
-            && !sums.is_frozen()
-        {
-            *gaussian = sums.gaussian(&self.config);
+    /// Makes a cell's distributions in these planes those of its sums, where it has a tile and is not frozen.
+    ///
+    /// * `first` — the cell in the first plane
+    pub(super) fn refresh(&mut self, first: Place, planes: u32) {
+        // Mostly the planes of one wall, which have the same points.
+        let mut last = (CellSums::EMPTY, Gaussian::EMPTY);
+        for place in first.in_planes(planes) {
+            let (index, cell) = (self.tile_at(place), place.cell as usize);
+            let Some(tile) = self.tiles.get_mut(usize::from(index)).filter(|_| index != 0) else { continue };
+            if let (Some(sums), Some(gaussian)) = (tile.sums.get(cell), tile.gaussians.get_mut(cell))
+                && !sums.is_frozen()
+            {
+                if last.0 != *sums {
+                    last = (*sums, sums.gaussian(&self.config));
+                }
+                *gaussian = last.1;
+            }
         }
     }
 
@@ -232,12 +241,24 @@ impl<'m> NdtGrid<'m> {
         let (tile_x, tile_y) = ((column >> TILE_SHIFT) as u32, (row >> TILE_SHIFT) as u32);
         let (cell_x, cell_y) = (column & (TILE_CELLS as i32 - 1), row & (TILE_CELLS as i32 - 1));
         let mask = (1 << self.side_shift) - 1;
-        let directory = plane * self.layers + layer;
+        let row_of_tiles = (layer << self.side_shift) + (tile_y & mask);
         Place {
-            slot: (((directory << self.side_shift) + (tile_y & mask)) << self.side_shift) + (tile_x & mask),
+            slot: (((row_of_tiles << self.side_shift) + (tile_x & mask)) << self.planes.shift()) + plane,
             key: (tile_y << 16) | (tile_x & 0xffff),
             cell: ((cell_y << TILE_SHIFT) | cell_x) as u32,
         }
+    }
+
+    /// The tiles that the planes have for a place in the first, in the order of the planes.
+    #[inline(always)]
+    pub(super) fn tiles_at(&self, first: Place) -> impl Iterator<Item = Option<&NdtTile>> {
+        let from = first.slot as usize;
+        let entries = self.directory.get(from..from + self.planes.count() as usize).unwrap_or_default();
+        let is_held = move |tile: &&NdtTile| tile.key == first.key;
+        entries.iter().map(move |entry| match entry.0 {
+            0 => None,
+            index => self.tiles.get(usize::from(index)).filter(is_held),
+        })
     }
 
     /// The tile that the directory has for `place`, which may be that of another place; the empty tile 0 if there is none.
@@ -326,7 +347,7 @@ impl<'m> NdtGrid<'m> {
 
     /// From the robot to the centre of a place's tile, squared, in cells.
     fn distance_to(&self, slot: u32, key: u32, robot: Point2) -> f32 {
-        let shift = layer_shift((slot >> (2 * self.side_shift)) % self.layers.max(1));
+        let shift = layer_shift(slot >> (2 * self.side_shift + self.planes.shift()));
         let side = TILE_CELLS as f32;
         let x = (f32::from(key as u16 as i16) + 0.5) * side - shift.x - robot.x * self.cells_per_metre;
         let y = (f32::from((key >> 16) as u16 as i16) + 0.5) * side - shift.y - robot.y * self.cells_per_metre;

@@ -9,6 +9,7 @@
 
 use super::cell::{CellSums, Gaussian};
 use super::grid::{NdtGrid, rotate_translate};
+use super::tile::Place;
 use crate::geometry::{Point2, Pose2};
 use crate::grid::{CellIndex, cells_on_ray};
 use crate::math::{hypot, sin_cos};
@@ -48,14 +49,31 @@ impl NdtGrid<'_> {
     fn look_along(&mut self, eye: Point2, hit: Point2, layer: u32) {
         let Some(ray) = Ray::new(eye, hit, self.config().cell_size_m) else { return };
         for cell in cells_on_ray(eye, hit, 1.0) {
-            for plane in 0..self.planes() {
-                let place = self.place(cell.column, cell.row, layer, plane);
-                if ray.goes_through(self.gaussian_at(place), cell) {
+            let first = self.place(cell.column, cell.row, layer, 0);
+            let through = self.planes_through(&ray, first, cell);
+            if through != 0 {
+                for place in first.in_planes(through) {
                     self.change(place, CellSums::weaken);
-                    self.refresh(place);
                 }
+                self.refresh(first, through);
             }
         }
+    }
+
+    /// Those planes, as bits, where a ray goes through what a cell holds.
+    #[inline(always)]
+    fn planes_through(&self, ray: &Ray, first: Place, cell: CellIndex) -> u32 {
+        // Mostly the planes of one wall, which have the same points.
+        let mut last = (Gaussian::EMPTY, 0);
+        let mut through = 0;
+        for (plane, tile) in self.tiles_at(first).enumerate() {
+            let Some(gaussian) = tile.and_then(|tile| tile.gaussians.get(first.cell as usize)) else { continue };
+            if *gaussian != last.0 {
+                last = (*gaussian, u32::from(ray.goes_through(gaussian, cell)));
+            }
+            through |= last.1 << plane;
+        }
+        through
     }
 
     /// True if a ray from `eye` to `hit`, both in the map, would have to go through what stands there.
@@ -63,10 +81,9 @@ impl NdtGrid<'_> {
     pub(crate) fn stands_between(&self, eye: Point2, hit: Point2) -> bool {
         let [eye, hit] = [eye, hit].map(|point| self.cell_coordinates(point, 0)).map(|(u, v)| Point2::new(u, v));
         let Some(ray) = Ray::new(eye, hit, self.config().cell_size_m) else { return false };
-        cells_on_ray(eye, hit, 1.0).any(|cell| {
-            let of = |plane| self.gaussian_at(self.place(cell.column, cell.row, 0, plane));
-            (0..self.planes()).any(|plane| ray.goes_through(of(plane), cell))
-        })
+        let is_through =
+            |cell: CellIndex| self.planes_through(&ray, self.place(cell.column, cell.row, 0, 0), cell) != 0;
+        cells_on_ray(eye, hit, 1.0).any(is_through)
     }
 }
 

@@ -26,7 +26,7 @@ pub use grid::NdtGrid;
 pub use score::{Linearisation, Scatter};
 pub use tile::{DirectoryEntry, InsertReport, NdtMemoryError, NdtTile, TILE_CELLS};
 
-use crate::facing::{FACINGS_MAX, PLANES_MAX, planes};
+use crate::facing::{FACINGS_MAX, PLANES_MAX, Planes};
 
 /// Shifts that a grid may have, so that no two are alike.
 const GRIDS_MAX: u16 = 4;
@@ -54,7 +54,7 @@ impl NdtConfig {
 
     /// Grids of all planes together: directories of an [`NdtGrid`].
     pub fn directories(&self) -> usize {
-        usize::from(self.grids) * planes(u32::from(self.facings)) as usize
+        usize::from(self.grids) * Planes::new(self.facings).count() as usize
     }
 }
 

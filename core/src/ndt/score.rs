@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::cell::{self, Gaussian};
 use super::grid::{NdtGrid, rotate_translate};
+use super::tile::Place;
 use crate::geometry::{Point2, Pose2};
 use crate::math::{floor, sin_cos};
 
@@ -120,16 +121,17 @@ impl NdtGrid<'_> {
     )]
     fn densities(&self, points: &[Point2; LANES], at: Rotated, layer: u32) -> [f32; LANES] {
         let (mut u, mut v) = ([0.0_f32; LANES], [0.0_f32; LANES]);
-        let (mut column, mut row, mut plane) = ([0_i32; LANES], [0_i32; LANES], [0_u32; LANES]);
+        let (mut column, mut row, mut place) = ([0_i32; LANES], [0_i32; LANES], [Place::default(); LANES]);
         for i in 0..LANES {
             (u[i], v[i]) = self.cell_coordinates(at.transform(points[i]), layer);
             (column[i], row[i]) = (floor(u[i]), floor(v[i]));
-            plane[i] = points[i].facing.plane(at.pose.heading, self.facings());
+            let plane = self.planes().of(points[i].facing, at.pose.heading);
+            place[i] = self.place(column[i], row[i], layer, plane);
         }
         let (mut mean_u, mut mean_v) = ([0_i32; LANES], [0_i32; LANES]);
         let (mut xx, mut xy2, mut yy) = ([0.0_f32; LANES], [0.0_f32; LANES], [0.0_f32; LANES]);
         for i in 0..LANES {
-            let gaussian = self.gaussian_at(self.place(column[i], row[i], layer, plane[i]));
+            let gaussian = self.gaussian_at(place[i]);
             (mean_u[i], mean_v[i]) = (i32::from(gaussian.mean[0]), i32::from(gaussian.mean[1]));
             [xx[i], xy2[i], yy[i]] = gaussian.scaled;
         }
@@ -156,7 +158,7 @@ impl NdtGrid<'_> {
     ) {
         for point in points {
             let in_map = at.transform(*point);
-            let plane = point.facing.plane(at.pose.heading, self.facings());
+            let plane = self.planes().of(point.facing, at.pose.heading);
             for layer in 0..self.layers() {
                 let (u, v) = self.cell_coordinates(in_map, layer);
                 let (column, row) = (floor(u), floor(v));
@@ -214,7 +216,7 @@ impl NdtGrid<'_> {
     pub(crate) fn worth_at(&self, in_map: Point2) -> Option<[f32; 3]> {
         let mut sum = [0.0_f32; 3];
         let mut count = 0.0_f32;
-        let grids = (0..self.planes()).flat_map(|plane| (0..self.layers()).map(move |layer| (layer, plane)));
+        let grids = (0..self.planes().count()).flat_map(|plane| (0..self.layers()).map(move |layer| (layer, plane)));
         for (layer, plane) in grids {
             let (u, v) = self.cell_coordinates(in_map, layer);
             let gaussian = self.gaussian_at(self.place(floor(u), floor(v), layer, plane));

@@ -1,6 +1,7 @@
 //! Memory of an [`NdtGrid`](super::NdtGrid): tiles, the directory that finds them, and what there may be no room for.
 
 use super::cell::{CellSums, Gaussian};
+use crate::facing::PLANES_MAX;
 
 /// Cells along a tile's side.
 pub const TILE_CELLS: usize = 1 << TILE_SHIFT;
@@ -34,6 +35,29 @@ pub struct DirectoryEntry(pub(super) u16);
 impl DirectoryEntry {
     /// Of places without a tile.
     pub const EMPTY: Self = Self(0);
+}
+
+/// Where a point falls in one layer.
+#[derive(Clone, Copy, Default, PartialEq)]
+pub(super) struct Place {
+    pub(super) slot: u32,
+    pub(super) key: u32,
+    pub(super) cell: u32,
+}
+
+impl Place {
+    /// The same in another plane, of one in the first.
+    #[inline(always)]
+    pub(super) fn in_plane(self, plane: u32) -> Self {
+        Self { slot: self.slot + plane, ..self }
+    }
+
+    /// The same in each of these planes, told as bits, of one in the first.
+    #[inline(always)]
+    pub(super) fn in_planes(self, planes: u32) -> impl Iterator<Item = Self> {
+        let is_one = move |plane: &u32| planes >> plane & 1 != 0;
+        (0..PLANES_MAX as u32).filter(is_one).map(move |plane| self.in_plane(plane))
+    }
 }
 
 /// The memory lent to an [`NdtGrid`](super::NdtGrid) does not fit together.

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use lrfslam_core::facing::FACINGS_MAX;
+use lrfslam_core::facing::{FACINGS_MAX, Planes};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::grid::CellIndex;
 use lrfslam_core::scan::Beam;
@@ -15,10 +15,8 @@ use crate::scans::store::ScanStore;
 
 /// Edge of a square, m.
 const SQUARE_M: f32 = 0.1;
-/// One point is kept of each square of this edge, m.
+/// One point is kept of each square of this edge, m, and part of a turn that walls face.
 const VOXEL_M: f32 = 0.15;
-/// One for each way that walls face.
-const FACINGS: u32 = FACINGS_MAX as u32;
 /// A wall this many squares away is the same wall.
 const SAME_SQUARES: i32 = 1;
 /// A wall in free space counts as missing if there is none within so many squares.
@@ -49,6 +47,7 @@ impl Submap {
         let any_miss = MapConfig { miss_apart_rad: 0.0, miss_gap_m: 0.0, ..MapConfig::default() };
         let config = MapConfig { cell_size_m: SQUARE_M, draw_range_m: range_max_m, ..any_miss };
         let mut squares = OccupancyMap::new(config);
+        let planes = Planes::new(FACINGS_MAX);
         let mut voxels: BTreeMap<(i32, i32, u32), (Point2, f32)> = BTreeMap::new();
         let mut beams: Vec<Beam> = Vec::new();
         for (pose, scan) in scans {
@@ -57,7 +56,7 @@ impl Submap {
             for hit in store.hits(scan as usize, range_max_m) {
                 let point = pose.transform(hit);
                 let CellIndex { column, row } = CellIndex::containing(point, VOXEL_M);
-                let key = (row, column, point.facing.plane(0.0, FACINGS));
+                let key = (row, column, planes.of(point.facing, 0.0));
                 let none = Point2 { facing: point.facing, ..Point2::default() };
                 let (sum, count) = voxels.entry(key).or_insert((none, 0.0));
                 (*sum, *count) = (*sum + point, *count + 1.0);
