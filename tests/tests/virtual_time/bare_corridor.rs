@@ -33,11 +33,12 @@ fn config(levels: u16, particles: u16) -> RunConfig {
 }
 
 /// RMSE of the path, and the largest error at a place revisited, m, by seed.
-fn errors(drive: &Drive, config: &RunConfig) -> [[f64; 2]; 3] {
-    let errors = SEEDS.map(|seed| {
-        let report = drive.map(config, seed, 2).report;
+fn errors(drive: &Drive, config: &RunConfig, seeds: &[u64]) -> Vec<[f64; 2]> {
+    let of = |seed: &u64| {
+        let report = drive.map(config, *seed, 2).report;
         [report.absolute_m.rmse, report.revisit_m.max]
-    });
+    };
+    let errors: Vec<[f64; 2]> = seeds.iter().map(of).collect();
     println!("RMSE and worst at a place revisited, m: {errors:.2?}");
     errors
 }
@@ -50,7 +51,7 @@ fn mean_rmse(errors: &[[f64; 2]]) -> f64 {
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn a_corridor_askew_to_the_map_is_passed_as_any() {
-    let mean = mean_rmse(&errors(&drive(true), &config(1, 1)));
+    let mean = mean_rmse(&errors(&drive(true), &config(1, 1), &SEEDS));
     assert!(mean < 2.0, "{mean} m");
 }
 
@@ -59,18 +60,18 @@ fn a_corridor_askew_to_the_map_is_passed_as_any() {
 #[ignore = "heavy: run by .ci/run"]
 fn particles_do_not_lag_where_nothing_tells_the_way() {
     let drive = drive(false);
-    let [fifty, one] = [50, 1].map(|particles| mean_rmse(&errors(&drive, &config(1, particles))));
+    let [fifty, one] = [50, 1].map(|particles| mean_rmse(&errors(&drive, &config(1, particles), &SEEDS)));
     assert!(fifty < 0.68 && fifty < 1.1 * one, "50 particles {fifty} m, one {one} m");
 }
 
-/// Nearly all of a corridor's points fit everywhere along it; with that for a doubt the ring stayed open by 1 to 2 m.
+/// Nearly all of a corridor's points fit everywhere along it; with that for a doubt the ring stayed open by 1 to 2 m. One seed of five may (rows `ring…`).
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn a_ring_of_corridor_closes() {
     let drive = drive(false);
-    for (particles, seeds_min) in [(1, 3), (50, 2)] {
-        let errors = errors(&drive, &config(2, particles));
+    for particles in [1, 50] {
+        let errors = errors(&drive, &config(2, particles), &[1, 2, 3, 4, 5]);
         let closed = errors.iter().filter(|[_, revisit]| *revisit < 0.25).count();
-        assert!(closed >= seeds_min, "{particles} particles: {errors:?}");
+        assert!(closed >= 4, "{particles} particles: {errors:?}");
     }
 }
