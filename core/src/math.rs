@@ -101,6 +101,7 @@ pub fn hypot(x: f32, y: f32) -> f32 {
 }
 
 /// Angle of (`x`, `y`) from the x axis, rad in [−π, π], absolute error below 3e-7; 0 at the origin. NaN, and two infinities, give NaN.
+/// For coordinates below 1e38.
 ///
 /// Reduction to [−π/8, π/8], then the minimax polynomial of Cephes' `atanf`.
 #[inline]

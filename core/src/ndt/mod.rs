@@ -40,7 +40,7 @@ crate::config! {
         /// More are smoother and more accurate, memory and time are in proportion; the search for a match uses the first one only.
         grids: u16 = 4, in 1..=GRIDS_MAX;
         /// Parts of a turn: walls that face different ones lie in planes of cells of their own, so that a wall seen from one side is not matched with
-        /// its other side, and in one for all points. 3, or 1: there is one plane. 3 has four planes, each with a directory. Biber and the thesis: 1.
+        /// its other side, and in one for all points. 3, or 1: there is one plane. More than 1 has four planes, each with a directory. Biber and the thesis: 1.
         facings: u16 = 3, in 1..=FACINGS_MAX;
         /// Standard deviation added to every cell in both directions, m: the error of the poses the points were seen from. Larger is
         /// smoother: fewer false optima, less precise ones. Thesis: 0.
