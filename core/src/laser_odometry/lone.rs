@@ -99,12 +99,14 @@ impl<'a> Objects<'a> {
             let at = |index: Option<usize>| index.and_then(|index| hits.get(index)).copied();
             let (Some(a), Some(b)) = (at(Some(*index)), at(Some(index + 1))) else { return true };
             let near_m = APART_M.max(APART_BEAMS * self.taken.beam_rad * self.range(a).min(self.range(b)));
-            let (before, after) = (at(index.checked_sub(1)), at(Some(index + 2)));
+            let is_apart = (b - a).norm() > near_m;
             // One hit halfway to what is behind its edge, as many lasers measure there, lies on a line with either, but not with both.
-            let is_wall = before
-                .zip(after)
-                .is_some_and(|(before, after)| self.is_straight([before, a, b]) && self.is_straight([a, b, after]));
-            (b - a).norm() > near_m && !is_wall
+            let is_wall = || {
+                let (before, after) = (at(index.checked_sub(1)), at(Some(index + 2)));
+                let ends = before.zip(after);
+                ends.is_some_and(|(before, after)| self.is_straight([before, a, b]) && self.is_straight([a, b, after]))
+            };
+            is_apart && !is_wall()
         };
         (0..hits.len()).find(is_apart).map_or(hits.len(), |last| last + 1)
     }

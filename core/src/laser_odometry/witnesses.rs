@@ -21,13 +21,12 @@ use super::KeyScan;
 use super::lone::Objects;
 use super::reference::Taken;
 use crate::geometry::{Point2, Pose2};
-use crate::math::wrap_angle;
 use crate::time::{Duration, Instant};
 
 /// A place nearer than this to what a witness saw is no longer free, m: more than errors of pose and range.
 const CLEARANCE_M: f32 = 0.3;
-/// Between two hits farther apart than this, rad, a witness has seen nothing: some beams of most lasers.
-const GAP_RAD: f32 = 0.06;
+/// Between two hits farther apart than this a witness has seen nothing, tangent of 0.06 rad: some beams of most lasers.
+const GAP_TAN: f32 = 0.060_072_1;
 /// Hits to each side of a place's bearing whose distance counts.
 const NEIGHBOURS: usize = 3;
 /// What the robot carries along, or what escorts it, is so near to where it was, as the robot sees it, m.
@@ -225,7 +224,7 @@ impl Place {
 pub(super) struct Outline<'a> {
     pub(super) taken: &'a Taken,
     pub(super) points: &'a [Point2],
-    /// Bearing of the first one, rad.
+    /// Where on the [way round](way_round) the first one is.
     start: f32,
     /// Index of the first hit behind the last place in the map …
     after_place: Cell<usize>,
@@ -236,14 +235,22 @@ pub(super) struct Outline<'a> {
 impl<'a> Outline<'a> {
     /// * `points` — its hits, robot frame, in beam order
     pub(super) fn new(taken: &'a Taken, points: &'a [Point2]) -> Self {
-        let start = points.first().map_or(0.0, |first| (*first - taken.eye).bearing_rad());
+        let start = points.first().map_or(0.0, |first| way_round(*first - taken.eye));
         Self { taken, points, start, after_place: Cell::default(), after_carried: Cell::default() }
     }
 
-    /// Beams go round once, counter-clockwise, from the first one on.
+    /// Beams go round once, counter-clockwise, from the first one on: how far round a point is, in quarters of a turn.
     fn turned(&self, point: Point2) -> f32 {
-        let angle = wrap_angle(point.bearing_rad() - self.start);
-        if angle < -1e-3 { angle + core::f32::consts::TAU } else { angle }
+        let quarters = way_round(point) - self.start;
+        // The first one again, but for rounding.
+        let before_first = -1e-3;
+        if quarters < before_first {
+            quarters + 4.0
+        } else if quarters >= 4.0 + before_first {
+            quarters - 4.0
+        } else {
+            quarters
+        }
     }
 
     /// Index of the first hit behind the bearing of `place`, looked for about where that of the last one was.
@@ -281,7 +288,7 @@ impl<'a> Outline<'a> {
         let before = after.checked_sub(1).and_then(|index| self.points.get(index));
         let Some((a, b)) = before.zip(self.points.get(after)) else { return false };
         let (a, b) = (*a - self.taken.eye, *b - self.taken.eye);
-        let is_seen = self.turned(b) - self.turned(a) <= GAP_RAD;
+        let is_seen = see_between(a, b);
         let sees_m = if is_seen { a.norm().min(b.norm()) } else { self.taken.farthest_m };
         now.since(self.taken.at) >= STOOD_FOR && place.norm() + CLEARANCE_M < sees_m && !self.has_hit_at(place)
     }
@@ -295,7 +302,7 @@ impl<'a> Outline<'a> {
     /// True if a hit stood at `place`.
     fn is_on(&self, place: Point2) -> bool {
         self.lines(self.after(place, &self.after_carried)).any(|(_, a, b)| {
-            let is_seen = self.turned(b) - self.turned(a) <= GAP_RAD;
+            let is_seen = see_between(a, b);
             distance(place, a, if is_seen { b } else { a }) < CARRIED_M
         })
     }
@@ -305,7 +312,7 @@ impl<'a> Outline<'a> {
         let after = self.after(place, &self.after_place);
         let mut says = Testimony::None;
         for (index, a, b) in self.lines(after) {
-            let is_seen = self.turned(b) - self.turned(a) <= GAP_RAD;
+            let is_seen = see_between(a, b);
             if distance(place, a, if is_seen { b } else { a }) < CLEARANCE_M || (place - b).norm() < CLEARANCE_M {
                 return Testimony::Near;
             }
@@ -344,6 +351,19 @@ fn partition_point_near<T>(items: &[T], near: usize, is_before: impl Fn(&T) -> b
         }
     }
     low + items.get(low..high).unwrap_or_default().partition_point(is_before)
+}
+
+/// How far round a direction is in quarters of a turn, counter-clockwise, −1 (right) to 3: in the order of bearings, at less cost.
+fn way_round(point: Point2) -> f32 {
+    let size = point.x.abs() + point.y.abs();
+    let side = if size > 0.0 { point.y / size } else { 0.0 };
+    if point.x < 0.0 { 2.0 - side } else { side }
+}
+
+/// True if the scan saw what is between two hits beside each other, as seen from its laser.
+fn see_between(a: Point2, b: Point2) -> bool {
+    let (cross, dot) = (a.x * b.y - a.y * b.x, a.x * b.x + a.y * b.y);
+    dot > 0.0 && cross <= GAP_TAN * dot
 }
 
 /// Distance of a point from the line between `a` and `b`.

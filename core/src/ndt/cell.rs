@@ -158,6 +158,12 @@ impl Gaussian {
     /// A cell that does not count; all zero, so that static pools cost no flash.
     pub(super) const EMPTY: Self = Self { mean: [0; 2], scaled: [0.0; 3] };
 
+    /// False for a cell with too few points.
+    #[inline(always)]
+    pub(super) fn counts(&self) -> bool {
+        self.scaled[0] < 0.0
+    }
+
     /// Mean, cells from the cell's centre.
     #[inline(always)]
     pub(super) fn mean(&self) -> [f32; 2] {

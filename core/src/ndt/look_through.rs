@@ -68,6 +68,9 @@ impl NdtGrid<'_> {
         let mut through = 0;
         for (plane, tile) in self.tiles_at(first).enumerate() {
             let Some(gaussian) = tile.and_then(|tile| tile.gaussians.get(first.cell as usize)) else { continue };
+            if !gaussian.counts() {
+                continue;
+            }
             if *gaussian != last.0 {
                 last = (*gaussian, u32::from(ray.goes_through(gaussian, cell)));
             }
@@ -107,9 +110,6 @@ impl Ray {
     }
 
     fn goes_through(&self, gaussian: &Gaussian, CellIndex { column, row }: CellIndex) -> bool {
-        if gaussian.scaled[0] >= 0.0 {
-            return false;
-        }
         let ([xx, xy, yy], [mean_x, mean_y], d) = (gaussian.information(), gaussian.mean(), self.direction);
         // Where it starts, seen from the cell's centre.
         let eye = self.eye - Point2::new(column as f32 + 0.5, row as f32 + 0.5);

@@ -220,7 +220,7 @@ impl NdtGrid<'_> {
         for (layer, plane) in grids {
             let (u, v) = self.cell_coordinates(in_map, layer);
             let gaussian = self.gaussian_at(self.place(floor(u), floor(v), layer, plane));
-            if gaussian.scaled[0] < 0.0 {
+            if gaussian.counts() {
                 count += 1.0;
                 sum.iter_mut().zip(gaussian.worth(self.config())).for_each(|(sum, term)| *sum += term);
             }

@@ -1,9 +1,9 @@
 //! Scans kept in memory, so that the map can be drawn again when the path behind it has changed.
 //!
-//! Eight bytes a beam: bearing and range as they lie in the middle of the sweep; invalid beams are left out. Saved, it is two or three:
-//! ranges to 0.1 mm and bearings to 10 µrad, from beam to beam.
+//! Twelve bytes a beam: bearing and range as they lie in the middle of the sweep, and which way the wall faces; invalid beams are left out. Saved, it
+//! is two or three: ranges to 0.1 mm and bearings to 10 µrad, from beam to beam.
 
-use lrfslam_core::facing::face;
+use lrfslam_core::facing::{Facing, face};
 use lrfslam_core::geometry::{Point2, Pose2};
 use lrfslam_core::scan::{Beam, Echo, RangeScan};
 use lrfslam_core::sweep::Sweep;
@@ -19,6 +19,22 @@ struct KeptBeam {
     bearing_rad: f32,
     /// Negative: nothing was seen.
     range_m: f32,
+    /// In the robot frame. A scan is drawn in many submaps, and its walls face the same way in each.
+    facing: Facing,
+}
+
+impl KeptBeam {
+    /// Which way its wall faces is not known yet.
+    fn new(bearing_rad: f32, range_m: f32) -> Self {
+        Self { bearing_rad, range_m, facing: Facing::UNKNOWN }
+    }
+
+    /// Where it hit, robot frame; `None` if it hit nothing up to `range_max_m`.
+    fn hit(&self, robot_from_lrf: Pose2, range_max_m: f32) -> Option<Point2> {
+        let near = (0.0..=range_max_m).contains(&self.range_m);
+        let hit = || robot_from_lrf.transform(Point2::from_polar(self.range_m, self.bearing_rad));
+        near.then(|| Point2 { facing: self.facing, ..hit() })
+    }
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -53,8 +69,8 @@ impl ScanStore {
     /// Keeps a scan; returns its place, which is that of a [forgotten](Self::forget) one if there is any.
     pub fn add(&mut self, sweep: &Sweep<'_>) -> u32 {
         let kept = |Beam { bearing_rad, echo, .. }| match echo {
-            Echo::Hit(range_m) => Some(KeptBeam { bearing_rad, range_m }),
-            Echo::Miss => Some(KeptBeam { bearing_rad, range_m: -1.0 }),
+            Echo::Hit(range_m) => Some(KeptBeam::new(bearing_rad, range_m)),
+            Echo::Miss => Some(KeptBeam::new(bearing_rad, -1.0)),
             Echo::Invalid => None,
         };
         let kept = sweep.scan.beams.iter().map(sweep.middle_beam()).filter_map(kept);
@@ -67,11 +83,13 @@ impl ScanStore {
             // No more than that: growing doubles.
             beams.reserve_exact(sweep.scan.beams.len());
             beams.extend(kept);
+            face_walls(&mut beams, sweep.robot_from_lrf);
             *free = scan(beams);
             return place;
         }
         let mut beams: Vec<KeptBeam> = kept.collect();
         beams.shrink_to_fit();
+        face_walls(&mut beams, sweep.robot_from_lrf);
         self.scans.push(scan(beams));
         (self.scans.len() - 1) as u32
     }
@@ -112,11 +130,7 @@ impl ScanStore {
     /// Hits of scan `index` up to `range_max_m`, robot frame.
     pub fn hits(&self, index: usize, range_max_m: f32) -> impl Iterator<Item = Point2> + '_ {
         let robot_from_lrf = self.robot_from_lrf(index);
-        let near = self.beams_of(index).iter().filter(move |beam| (0.0..=range_max_m).contains(&beam.range_m));
-        let place = |beam: &KeptBeam| robot_from_lrf.transform(Point2::from_polar(beam.range_m, beam.bearing_rad));
-        let mut hits: Vec<Point2> = near.map(place).collect();
-        face(&mut hits, robot_from_lrf.position());
-        hits.into_iter()
+        self.beams_of(index).iter().filter_map(move |beam| beam.hit(robot_from_lrf, range_max_m))
     }
 
     /// Beams of scan `index`; none of one that was forgotten.
@@ -168,10 +182,22 @@ impl From<Vec<SavedScan>> for ScanStore {
         for SavedScan { stamp, range_max_m, robot_from_lrf, bearing_steps, range_steps } in saved {
             let ranges = values(&range_steps, RANGE_UNITS);
             let beams = values(&bearing_steps, BEARING_UNITS).zip(ranges);
-            let beams = beams.map(|(bearing_rad, range_m)| KeptBeam { bearing_rad, range_m }).collect();
+            let mut beams: Vec<KeptBeam> =
+                beams.map(|(bearing_rad, range_m)| KeptBeam::new(bearing_rad, range_m)).collect();
+            face_walls(&mut beams, robot_from_lrf);
             store.scans.push(KeptScan { stamp, range_max_m, robot_from_lrf, beams });
         }
         store
+    }
+}
+
+/// Tells of each hit which way its wall faces.
+fn face_walls(beams: &mut [KeptBeam], robot_from_lrf: Pose2) {
+    let mut hits: Vec<Point2> = beams.iter().filter_map(|beam| beam.hit(robot_from_lrf, f32::INFINITY)).collect();
+    face(&mut hits, robot_from_lrf.position());
+    let seen = beams.iter_mut().filter(|beam| beam.range_m >= 0.0);
+    for (beam, hit) in seen.zip(hits) {
+        beam.facing = hit.facing;
     }
 }
 
@@ -195,6 +221,8 @@ fn values(steps: &[i32], units: f64) -> impl Iterator<Item = f32> {
 
 #[cfg(test)]
 mod tests {
+    use lrfslam_core::facing::{FACINGS_MAX, Planes};
+
     use super::*;
 
     #[test]
@@ -240,6 +268,37 @@ mod tests {
             assert_eq!(beam.range_m < 0.0, kept.range_m < 0.0);
         }
         assert_eq!(postcard::to_stdvec(&back).unwrap(), bytes);
+    }
+
+    #[test]
+    fn hits_know_which_way_their_walls_face_wherever_they_come_from() {
+        let wall = |y: f32| (0_u8..20).map(move |step| Point2::new(2.0 + 0.1 * f32::from(step), y));
+        let beam =
+            |at: Point2| Beam { bearing_rad: at.bearing_rad(), offset: Duration::ZERO, echo: Echo::Hit(at.norm()) };
+        let gap = Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Miss };
+        let beams: Vec<Beam> = wall(-1.0).map(beam).chain([gap]).chain(wall(1.0).map(beam)).collect();
+        let scan = RangeScan { stamp: Instant::from_micros(7), range_max_m: 8.0, beams: &beams };
+        let mut store = ScanStore::default();
+        for _ in 0..2 {
+            store.add(&Sweep::at_rest(scan, Pose2::new(0.1, 0.2, 1.0)));
+        }
+        store.forget(0);
+        store.add(&Sweep::at_rest(scan, Pose2::new(0.1, 0.2, 1.0)));
+        let loaded: ScanStore = postcard::from_bytes(&postcard::to_stdvec(&store).unwrap()).unwrap();
+        let planes = Planes::new(FACINGS_MAX);
+        for (store, index) in [(&store, 0), (&store, 1), (&loaded, 0), (&loaded, 1)] {
+            let hits: Vec<Point2> = store.hits(index, f32::INFINITY).collect();
+            assert_eq!(hits.len(), 40);
+            assert!(hits.iter().all(|hit| hit.facing.is_seen()));
+            // Each wall is in one plane, and the one across is in another.
+            let of = |hit: &Point2| planes.of(hit.facing, 0.0);
+            let (right, left) = hits.split_at(20);
+            assert!(right.iter().all(|hit| of(hit) == of(&right[0])) && left.iter().all(|hit| of(hit) == of(&left[0])));
+            assert_ne!(of(&right[0]), of(&left[0]));
+            // What is too far away is left out, and the rest faces the way it did.
+            let near: Vec<Point2> = store.hits(index, 3.0).collect();
+            assert!(near.len() < 40 && near.iter().all(|hit| hits.contains(hit)));
+        }
     }
 
     #[test]

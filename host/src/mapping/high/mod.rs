@@ -55,7 +55,7 @@ lrfslam_core::config! {
 
 /// A scan is kept for drawing and matching if the robot has moved so far since the last one kept, m …
 const KEEP_DISTANCE_M: f32 = 0.02;
-/// … or turned so far, degrees. 8 bytes a beam of a scan kept. Both chosen.
+/// … or turned so far, degrees. 12 bytes a beam of a scan kept. Both chosen.
 const KEEP_ROTATION_DEG: f32 = 1.0;
 /// A closure waits for a second one for so many segments.
 const WAITING_SEGMENTS: usize = 5;
