@@ -75,7 +75,10 @@ impl ScanStore {
         };
         let kept = sweep.scan.beams.iter().map(sweep.middle_beam()).filter_map(kept);
         let RangeScan { stamp, range_max_m, .. } = sweep.scan;
-        let scan = |beams| KeptScan { stamp, range_max_m, robot_from_lrf: sweep.robot_from_lrf, beams };
+        let scan = |mut beams: Vec<KeptBeam>| {
+            face_walls(&mut beams, sweep.robot_from_lrf);
+            KeptScan { stamp, range_max_m, robot_from_lrf: sweep.robot_from_lrf, beams }
+        };
         if let Some(place) = self.free.pop()
             && let Some(free) = self.scans.get_mut(place as usize)
         {
@@ -83,13 +86,11 @@ impl ScanStore {
             // No more than that: growing doubles.
             beams.reserve_exact(sweep.scan.beams.len());
             beams.extend(kept);
-            face_walls(&mut beams, sweep.robot_from_lrf);
             *free = scan(beams);
             return place;
         }
         let mut beams: Vec<KeptBeam> = kept.collect();
         beams.shrink_to_fit();
-        face_walls(&mut beams, sweep.robot_from_lrf);
         self.scans.push(scan(beams));
         (self.scans.len() - 1) as u32
     }

@@ -167,3 +167,25 @@ fn what_witnesses_look_through_as_well_tells_less() {
     assert!((0.2..0.5).contains(&at_once), "for none of them: {at_once}");
     assert!(opened < 0.12, "a door that was opened before two of them came: {opened}");
 }
+
+#[test]
+fn the_way_round_is_in_the_order_of_bearings_wherever_a_scan_begins() {
+    let at = |degree: i32| Point2::from_polar(1.0 + (degree % 7).abs() as f32, (degree as f32).to_radians());
+    let taken = taken_at(0.0);
+    for first in [-180, -135, -91, -90, -1, 0, 45, 179] {
+        let points: Vec<Point2> = (first..first + 360).map(|degree| taken.eye + at(degree)).collect();
+        let outline = Outline::new(&taken, &points);
+        let turned: Vec<f32> = points.iter().map(|point| outline.turned(*point - taken.eye)).collect();
+        assert!(turned.is_sorted_by(|a, b| a < b), "from {first}: {turned:?}");
+        assert!(turned[0].abs() < 1e-3 && turned[359] < 4.0, "from {first}: {turned:?}");
+    }
+}
+
+#[test]
+fn a_witness_sees_between_hits_that_are_some_beams_apart_and_no_more() {
+    let see = |from: f32, to: f32| see_between(Point2::from_polar(2.0, from), Point2::from_polar(7.0, to));
+    for from in [-3.0, -1.6, 0.0, 0.8, 2.5, 3.1] {
+        assert!(see(from, from + 0.059) && see(from, from - 0.01), "{from}");
+        assert!(![0.061, 1.0, 1.6, 3.0].iter().any(|apart| see(from, from + apart)), "{from}");
+    }
+}
