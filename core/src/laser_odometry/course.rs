@@ -26,8 +26,11 @@ const JUDGED_FROM: f32 = 0.1;
 const CAUTION: f32 = 3.0;
 /// … and at least this share of the configured one. Chosen.
 const PRIOR_MIN: f32 = 0.2;
-/// After a step that turns more than this, rad, the robot is expected to stand.
+/// After a step that turns more than this, rad, the robot is expected to stand …
 const STEADY_RAD: f32 = 0.5;
+/// … or, if scans are so far apart that the box is so many times as large, half a second, to go straight on: who drives turns so much from one to the
+/// next in every bend, and only a wrong match does so sooner. Chosen.
+const SLOW_SPREAD: f32 = 1.4;
 /// A robot that sees nothing loses its speed in about so long, s: who walks past a laser covers it for less. Chosen.
 const COAST_S: f32 = 2.0;
 
@@ -61,6 +64,13 @@ pub(super) struct Forecast {
     /// The same step again, perhaps stretched.
     steady: Pose2,
     odometry: Option<Pose2>,
+}
+
+impl Forecast {
+    /// True if scans are half a second apart, or more: who is not believed has gone on by the next one.
+    pub(super) fn is_of_slow_scans(&self) -> bool {
+        self.spread >= SLOW_SPREAD
+    }
 }
 
 /// See the [module](self).
@@ -160,10 +170,15 @@ impl Course {
         self.judge(forecast, step, matched);
         let driven = self.open_axis.driven(step, forecast.step);
         self.open_axis.advance(step, matched);
-        if step.heading.abs() > STEADY_RAD {
-            return self.rest();
+        let is_steady = step.heading.abs() <= STEADY_RAD;
+        if !is_steady {
+            self.rest();
         }
-        self.step = driven;
+        if is_steady {
+            self.step = driven;
+        } else if forecast.is_of_slow_scans() {
+            self.step = Pose2::new(libm::copysignf(driven.position().norm(), driven.x), 0.0, 0.0);
+        }
     }
 
     /// The robot is `step` on, as `matched` says, but has not driven there: who forecast otherwise was wrong, and no speed is known.
@@ -219,6 +234,25 @@ mod tests {
         (0..100).for_each(|_| _ = course.coast(0.2));
         assert!(course.step().x < 1e-3);
         assert_eq!(course.coast(3.0), Pose2::IDENTITY, "slower scans than that: at once");
+    }
+
+    #[test]
+    fn who_has_turned_far_is_expected_to_stand_and_between_slow_scans_to_go_straight_on() {
+        let after = |step: Pose2, spread: f32| {
+            let mut course = Course::default();
+            let forecast = course.forecast(Pose2::IDENTITY, None, spread, USUAL);
+            course.advance(&forecast, Pose2::new(1.0, 0.0, 0.1), &sharp());
+            course.advance(&forecast, step, &sharp());
+            course.step()
+        };
+        let bend = Pose2::new(0.8, 0.3, 0.6);
+        assert_eq!(after(bend, 1.0), Pose2::IDENTITY);
+        let chord_m = 0.73_f32.sqrt();
+        let on = after(bend, 2.0);
+        assert!((on.x - chord_m).abs() < 1e-6 && (on.y, on.heading) == (0.0, 0.0), "{on:?}");
+        assert!((after(Pose2::new(-0.8, 0.3, -0.6), 2.0).x + chord_m).abs() < 1e-6, "backwards");
+        assert_eq!(after(Pose2::new(0.0, 0.0, 0.6), 2.0), Pose2::IDENTITY, "on the spot");
+        assert_eq!(after(Pose2::new(0.8, 0.3, 0.4), 2.0), Pose2::new(0.8, 0.3, 0.4), "a bend like others");
     }
 
     #[test]
