@@ -28,9 +28,9 @@ const CAUTION: f32 = 3.0;
 const PRIOR_MIN: f32 = 0.2;
 /// After a step that turns more than this, rad, the robot is expected to stand …
 const STEADY_RAD: f32 = 0.5;
-/// … or, if scans are so far apart that the box is so many times as large, half a second, to go straight on: who drives turns so much from one to the
-/// next in every bend, and only a wrong match does so sooner. Chosen.
-const SLOW_SPREAD: f32 = 1.4;
+/// … or, if scans come so far apart in the mean, s, to go straight on: who drives turns so much from one to the next in every bend, and only a wrong
+/// match, or one after a gap, does so with others. Chosen.
+const SLOW_S: f32 = 0.5;
 /// A robot that sees nothing loses its speed in about so long, s: who walks past a laser covers it for less. Chosen.
 const COAST_S: f32 = 2.0;
 
@@ -61,16 +61,11 @@ pub(super) struct Forecast {
     pub(super) spread: f32,
     /// How wide the prior is.
     pub(super) prior: PriorSpread,
+    /// From scan to scan in the mean, s.
+    pub(super) interval_s: f32,
     /// The same step again, perhaps stretched.
     steady: Pose2,
     odometry: Option<Pose2>,
-}
-
-impl Forecast {
-    /// True if scans are half a second apart, or more: who is not believed has gone on by the next one.
-    pub(super) fn is_of_slow_scans(&self) -> bool {
-        self.spread >= SLOW_SPREAD
-    }
 }
 
 /// See the [module](self).
@@ -162,7 +157,7 @@ impl Course {
                 prior.heading = width(self.odometry.heading, prior_rad);
             }
         }
-        Forecast { step, spread, prior, steady, odometry }
+        Forecast { step, spread, prior, interval_s: 0.0, steady, odometry }
     }
 
     /// The robot has gone on by `step`, as `matched` says.
@@ -176,7 +171,7 @@ impl Course {
         }
         if is_steady {
             self.step = driven;
-        } else if forecast.is_of_slow_scans() {
+        } else if forecast.interval_s >= SLOW_S {
             self.step = Pose2::new(libm::copysignf(driven.position().norm(), driven.x), 0.0, 0.0);
         }
     }
@@ -238,21 +233,22 @@ mod tests {
 
     #[test]
     fn who_has_turned_far_is_expected_to_stand_and_between_slow_scans_to_go_straight_on() {
-        let after = |step: Pose2, spread: f32| {
+        let after = |step: Pose2, interval_s: f32| {
             let mut course = Course::default();
-            let forecast = course.forecast(Pose2::IDENTITY, None, spread, USUAL);
+            // Before the second scan there was a gap, whatever their pace.
+            let forecast = Forecast { interval_s, ..course.forecast(Pose2::IDENTITY, None, 2.0, USUAL) };
             course.advance(&forecast, Pose2::new(1.0, 0.0, 0.1), &sharp());
             course.advance(&forecast, step, &sharp());
             course.step()
         };
         let bend = Pose2::new(0.8, 0.3, 0.6);
-        assert_eq!(after(bend, 1.0), Pose2::IDENTITY);
+        assert_eq!(after(bend, 0.2), Pose2::IDENTITY);
         let chord_m = 0.73_f32.sqrt();
-        let on = after(bend, 2.0);
+        let on = after(bend, 1.0);
         assert!((on.x - chord_m).abs() < 1e-6 && (on.y, on.heading) == (0.0, 0.0), "{on:?}");
-        assert!((after(Pose2::new(-0.8, 0.3, -0.6), 2.0).x + chord_m).abs() < 1e-6, "backwards");
-        assert_eq!(after(Pose2::new(0.0, 0.0, 0.6), 2.0), Pose2::IDENTITY, "on the spot");
-        assert_eq!(after(Pose2::new(0.8, 0.3, 0.4), 2.0), Pose2::new(0.8, 0.3, 0.4), "a bend like others");
+        assert!((after(Pose2::new(-0.8, 0.3, -0.6), 1.0).x + chord_m).abs() < 1e-6, "backwards");
+        assert_eq!(after(Pose2::new(0.0, 0.0, 0.6), 1.0), Pose2::IDENTITY, "on the spot");
+        assert_eq!(after(Pose2::new(0.8, 0.3, 0.4), 1.0), Pose2::new(0.8, 0.3, 0.4), "a bend like others");
     }
 
     #[test]

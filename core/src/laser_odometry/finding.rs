@@ -28,12 +28,16 @@ const RETURN_SHARE: f32 = 0.8;
 const TURN_MAX_RAD: f32 = 0.8;
 
 /// A scan that fits best where the robot is expected, of all places of the wider search, is believed if its score per point is at least this share of the
-/// usual one: out of doors and in halls one scan sees much less of the reference than the one before. That is for slow scans: with others the next one is
-/// waited for. Chosen; a robot that is put down elsewhere hardly ever reaches it there.
+/// usual one: out of doors and in halls one scan sees much less of the reference than the one before. Chosen; a robot that is put down elsewhere
+/// hardly ever reaches it there.
 const EXPECTED_SHARE: f32 = 0.3;
+/// That is for scans so far apart that the box is so many times as large, half a second: who is not believed then has gone on by the next one. With scans
+/// close together that one is waited for. Chosen.
+const FAR_SPREAD: f32 = 1.4;
 /// A scan that fits elsewhere than expected has to reach so much more of the usual score for each deviation of the forecast, up to [`RETURN_SHARE`]
 /// where nobody else finds a robot that may be anywhere; who does finds one that has leapt, too. Chosen. Robots that drive move farther and fit well, or
-/// fit badly and move as expected; who fits badly elsewhere has been carried off. Slow scans see so much that is new that they do both.
+/// fit badly and move as expected; who fits badly elsewhere has been carried off. Only with scans nearer to each other than [`FAR_SPREAD`] says: slower
+/// ones see so much that is new that they do both.
 const ELSEWHERE_SHARE: f32 = 0.1;
 /// So does one that looks through walls that stood a moment ago, by so many times the share of them that it looks through: people stand before walls, and
 /// nobody takes them away. The less, the nearer to where it was expected it is, within a deviation: a door that is opened before the robot leaves all else
@@ -74,7 +78,7 @@ impl LaserOdometry<'_> {
         let walking = self.part_walking(expected, (points, hits));
         let (matched, fits) = self.find_points((points, walking), expected, forecast);
         let [position, heading] = self.departure(expected.map_from_robot.between(matched.map_from_robot), forecast);
-        let is_soon = !forecast.is_of_slow_scans();
+        let is_soon = forecast.spread < FAR_SPREAD;
         let leaps = is_soon && position > LEAP;
         let taken = Taken { map_from_robot: matched.map_from_robot, ..*expected };
         let through = || self.looked_through(&taken, hits);
@@ -123,7 +127,7 @@ impl LaserOdometry<'_> {
         if is_found && wide.score > FOUND_BETTER * matched.score {
             return (wide, self.fits(&wide, expected.eye, count));
         }
-        let fits = forecast.is_of_slow_scans()
+        let fits = forecast.spread >= FAR_SPREAD
             && self.is_where_expected(predicted.between(matched.map_from_robot), forecast)
             && is_same(&matched, &wide)
             && matched.score_per_point >= EXPECTED_SHARE * self.score_per_point;
