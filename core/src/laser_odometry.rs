@@ -339,7 +339,7 @@ impl<'m> LaserOdometry<'m> {
         match (is_lost, found.leaps) {
             (true, _) => self.course.rest(),
             (false, true) => self.course.leap(forecast, step, &found.matched),
-            (false, false) => self.course.advance(forecast, step, &found.matched),
+            (false, false) => self.course.advance(forecast, step, &found.matched, self.usual_interval_s),
         }
         self.map_from_robot = map_from_robot;
     }

@@ -61,8 +61,6 @@ pub(super) struct Forecast {
     pub(super) spread: f32,
     /// How wide the prior is.
     pub(super) prior: PriorSpread,
-    /// From scan to scan in the mean, s.
-    pub(super) interval_s: f32,
     /// The same step again, perhaps stretched.
     steady: Pose2,
     odometry: Option<Pose2>,
@@ -157,21 +155,22 @@ impl Course {
                 prior.heading = width(self.odometry.heading, prior_rad);
             }
         }
-        Forecast { step, spread, prior, interval_s: 0.0, steady, odometry }
+        Forecast { step, spread, prior, steady, odometry }
     }
 
     /// The robot has gone on by `step`, as `matched` says.
-    pub(super) fn advance(&mut self, forecast: &Forecast, step: Pose2, matched: &Match) {
+    ///
+    /// * `interval_s` — from scan to scan in the mean
+    pub(super) fn advance(&mut self, forecast: &Forecast, step: Pose2, matched: &Match, interval_s: f32) {
         self.judge(forecast, step, matched);
         let driven = self.open_axis.driven(step, forecast.step);
         self.open_axis.advance(step, matched);
-        let is_steady = step.heading.abs() <= STEADY_RAD;
-        if !is_steady {
-            self.rest();
-        }
-        if is_steady {
+        if step.heading.abs() <= STEADY_RAD {
             self.step = driven;
-        } else if forecast.interval_s >= SLOW_S {
+            return;
+        }
+        self.rest();
+        if interval_s >= SLOW_S {
             self.step = Pose2::new(libm::copysignf(driven.position().norm(), driven.x), 0.0, 0.0);
         }
     }
@@ -216,7 +215,7 @@ mod tests {
                 _ => Pose2::new(0.02, 0.0, 0.1),
             };
             forecast = course.forecast(course.step(), Some(says(k, step)), 1.0, USUAL);
-            course.advance(&forecast, step, &sharp());
+            course.advance(&forecast, step, &sharp(), 0.2);
         }
         (course, forecast)
     }
@@ -235,10 +234,10 @@ mod tests {
     fn who_has_turned_far_is_expected_to_stand_and_between_slow_scans_to_go_straight_on() {
         let after = |step: Pose2, interval_s: f32| {
             let mut course = Course::default();
-            // Before the second scan there was a gap, whatever their pace.
-            let forecast = Forecast { interval_s, ..course.forecast(Pose2::IDENTITY, None, 2.0, USUAL) };
-            course.advance(&forecast, Pose2::new(1.0, 0.0, 0.1), &sharp());
-            course.advance(&forecast, step, &sharp());
+            // There was a gap, whatever the pace.
+            let forecast = course.forecast(Pose2::IDENTITY, None, 2.0, USUAL);
+            course.advance(&forecast, Pose2::new(1.0, 0.0, 0.1), &sharp(), interval_s);
+            course.advance(&forecast, step, &sharp(), interval_s);
             course.step()
         };
         let bend = Pose2::new(0.8, 0.3, 0.6);

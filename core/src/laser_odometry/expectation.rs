@@ -27,10 +27,7 @@ impl LaserOdometry<'_> {
         let steady = self.expected_step(scan, count);
         let spread = self.spread(scan.stamp);
         let MatcherConfig { prior_position_m, prior_heading_deg, .. } = self.config.matcher;
-        let prior = (prior_position_m, prior_heading_deg.to_radians());
-        let mut forecast = self.course.forecast(steady, odometry, spread, prior);
-        forecast.interval_s = self.usual_interval_s;
-        forecast
+        self.course.forecast(steady, odometry, spread, (prior_position_m, prior_heading_deg.to_radians()))
     }
 
     /// The last step again, unless the scan agrees clearly better with a step in proportion to the time that has passed.
