@@ -2,9 +2,10 @@
 //! the nodes are most likely.
 //!
 //! Minimised is Σ eᵀ Ω e over the edges, e the error of an edge's displacement, by Gauss–Newton steps on sparse normal
-//! equations (Cholesky factorisation of `nalgebra-sparse`). Closures have a robust kernel (Geman–McClure) that is
-//! made strict step by step, so that a right closure is believed although it is far off at first, and a wrong one is not
-//! although it comes first (graduated non-convexity: Yang, Antonante, Tzoumas & Carlone, RA-L 2020). Node 0 stays.
+//! equations (Cholesky factorisation of `nalgebra-sparse`). Breaks have no error: they damp the steps of what nothing else
+//! holds. Closures have a robust kernel (Geman–McClure) that is made strict step by step, so that a right closure is believed
+//! although it is far off at first, and a wrong one is not although it comes first (graduated non-convexity: Yang, Antonante,
+//! Tzoumas & Carlone, RA-L 2020). Node 0 stays.
 //!
 //! Why not a factor-graph crate: `factrs` 0.3 brings 112 crates, `nalgebra-sparse` 25, most of which are here anyway; three unknowns
 //! a node and one kind of edge need little else.
@@ -62,8 +63,11 @@ struct Linear {
     by_to: Matrix3<f64>,
 }
 
-/// Information of a break: the two nodes may be anywhere. Not 0, or the graph could not be solved. Per m² and rad².
+/// Information of a break: the two nodes may be anywhere. Per m² and rad².
 const BREAK_INFORMATION: f64 = 1e-6;
+/// What only breaks lead to is held where it is by this much in each step, per m² and rad². The solution is the same for any: chosen far below what is
+/// measured, and far above what rounding leaves.
+const BREAK_DAMPING: f64 = 1.0;
 
 impl Edge {
     /// Between two pieces of path of which nothing is known but which came first.
@@ -278,8 +282,13 @@ impl PoseGraph {
             let (Some(from), Some(to)) = (free[edge.from], free[edge.to]) else { continue };
             let believed = || (scale / (scale + edge.chi2(&self.nodes))).powi(2);
             let weight = if edge.is_closure { believed() } else { 1.0 / self.variance_factor };
-            let information = edge.information * weight;
             let Linear { error, by_from, by_to } = edge.linearise(self.nodes[edge.from], self.nodes[edge.to]);
+            // A break pulls at nothing: two of them would draw and turn a piece between them out of all shape.
+            let (error, information) = if edge.is_break() {
+                (Vector3::zeros(), Matrix3::from_diagonal_element(BREAK_DAMPING))
+            } else {
+                (error, edge.information * weight)
+            };
             let ends = [(from, by_from), (to, by_to)];
             for (row, by_row) in &ends {
                 let weighted = by_row.transpose() * information;

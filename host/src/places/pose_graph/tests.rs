@@ -179,3 +179,36 @@ fn a_path_that_drifts_more_than_it_says_refutes_what_is_right_until_that_is_know
     let (refuted, end) = solved(9.0);
     assert!(refuted == 0 && (end - 10.6).abs() < 0.05, "{end}");
 }
+
+/// A robot that was lost twice, and is back in its first piece of map. Nothing tells where the piece between lies: it stays as it is.
+#[test]
+fn a_piece_that_only_breaks_lead_to_keeps_its_shape() {
+    let (_, mut graph) = drifted_square(2);
+    let begin = |graph: &mut PoseGraph, pose: PoseF64, steps: usize| {
+        let last = graph.nodes().len() - 1;
+        let first = graph.add_node(pose);
+        graph.add_edge(Edge::break_between(last, first));
+        for from in first..first + steps {
+            let step = PoseF64::new(8.0, 0.5, 0.002);
+            let to = graph.add_node(graph.nodes()[from].then(step));
+            graph.add_edge(Edge { from, to, from_to: step, information: information(0.02, 0.003), is_closure: false });
+        }
+        first
+    };
+    let alone = begin(&mut graph, PoseF64::new(3.0, -2.0, 2.0), 100);
+    let back = begin(&mut graph, PoseF64::new(1.0, 2.0, -1.0), 10);
+    graph.add_edge(closure(
+        5,
+        back,
+        graph.nodes()[5].between(graph.nodes()[back]).then(PoseF64::new(0.03, 0.02, 0.003)),
+    ));
+    graph.add_edge(closure(5, back + 1, graph.nodes()[5].between(graph.nodes()[back + 1])));
+    for _ in 0..3 {
+        assert!(graph.solve().is_empty());
+        for edge in graph.edges().iter().filter(|edge| (alone..alone + 100).contains(&edge.from) && !edge.is_break()) {
+            let step = graph.nodes()[edge.from].between(graph.nodes()[edge.to]);
+            let off = edge.from_to.between(step);
+            assert!(off.distance_m() < 1e-6 && off.heading.abs() < 1e-6, "{}: {off:?}", edge.from - alone);
+        }
+    }
+}
