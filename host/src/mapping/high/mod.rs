@@ -178,7 +178,7 @@ impl<'m> HighSlam<'m> {
             scan: self.keep(sweep, start_from_robot, low.is_lost),
         };
         self.open.push(&step);
-        if self.has_pieces() && self.pieces.is_away(low) {
+        if self.has_pieces() && self.pieces.is_away(low, sweep.scan.stamp) {
             return Ok(Some(self.begin_piece()));
         }
         if !self.open.is_complete() {

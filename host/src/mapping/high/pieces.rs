@@ -5,6 +5,7 @@
 //! searches that agree, however far apart, join the pieces. Until then neither is drawn over the other: the map is the first large piece.
 
 use lrfslam_core::geometry::{Point2, Pose2};
+use lrfslam_core::time::Instant;
 
 use super::HighSlam;
 use super::placing::{QUERY_TRAVEL_M, ReferenceState};
@@ -16,8 +17,13 @@ use crate::places::pose_graph::{Edge, PoseGraph};
 use crate::places::submap::Submap;
 use crate::pose_f64::PoseF64;
 
-/// So many scans in a row fit nowhere, and the robot is lost: two seconds of most lasers. Chosen.
+/// So many scans in a row fit nowhere, and the robot is lost: two seconds of most lasers …
 const LOST_SCANS: usize = 10;
+/// … or so few of slow ones …
+const LOST_SLOW_SCANS: usize = 3;
+/// … in so long a time, s: who drives half a metre a second has left the 2 m that a lost robot is searched within, and what fits there then is a place that
+/// looks alike. All chosen.
+const LOST_S: f32 = 4.0;
 /// A piece of less travel is not searched in, m.
 const PLACE_TRAVEL_MIN_M: f32 = 4.0;
 /// Pieces that are searched in, the longest ones.
@@ -37,8 +43,10 @@ const EFFORT: Effort = Effort { likelihood_min: 0.5, points: 200, second_share_m
 #[derive(Debug, Default)]
 pub(super) struct Pieces {
     of_node: Vec<usize>,
-    /// Scans in a row that fit nowhere.
+    /// Scans in a row that fit nowhere …
     lost_scans: usize,
+    /// … and when the first of them was taken.
+    lost_since: Option<Instant>,
     /// Scans in a row that fit nowhere or are frozen: of which nobody knows where they were taken, if the robot is lost after them.
     doubted: usize,
     /// What was searched last.
@@ -82,7 +90,7 @@ impl Pieces {
 
     fn begin(&mut self) {
         self.of_node.push(self.of_node.len());
-        (self.lost_scans, self.doubted) = (0, 0);
+        (self.lost_scans, self.lost_since, self.doubted) = (0, None, 0);
     }
 
     fn join(&mut self, a: usize, b: usize) {
@@ -90,15 +98,18 @@ impl Pieces {
         self.of_node.iter_mut().filter(|piece| **piece == go).for_each(|piece| *piece = keep);
     }
 
-    /// True if the scan is one too many that fits nowhere. Scans that show nothing do not count: what comes after them may fit.
-    pub(super) fn is_away(&mut self, low: &LowPose) -> bool {
-        match (low.is_lost, low.is_blind) {
-            (false, _) => self.lost_scans = 0,
-            (true, false) => self.lost_scans += 1,
-            (true, true) => {}
-        }
+    /// True if the scan, taken at `stamp`, is one too many that fits nowhere. Scans that show nothing do not count: what comes after them may fit.
+    pub(super) fn is_away(&mut self, low: &LowPose, stamp: Instant) -> bool {
         self.doubted = if low.is_lost || low.is_frozen { self.doubted + 1 } else { 0 };
-        self.lost_scans >= LOST_SCANS
+        if !low.is_lost {
+            (self.lost_scans, self.lost_since) = (0, None);
+        }
+        if !low.is_lost || low.is_blind {
+            return false;
+        }
+        self.lost_scans += 1;
+        let lost_s = stamp.since(*self.lost_since.get_or_insert(stamp)).as_secs_f32();
+        self.lost_scans >= LOST_SCANS || (self.lost_scans >= LOST_SLOW_SCANS && lost_s >= LOST_S)
     }
 }
 

@@ -1,5 +1,7 @@
+use lrfslam_core::time::Instant;
 use nalgebra::Matrix3;
 
+use super::pieces::Pieces;
 use super::refining::Places;
 use super::test_world::{ahead, room_and_corridor, sees, stretched, sweep_of, to_and_fro};
 use super::*;
@@ -215,4 +217,28 @@ fn pieces_are_not_joined_if_the_way_before_says_otherwise() {
         high.pieces_apart()
     };
     assert_eq!((pieces_apart(4.0), pieces_apart(2.0)), (0, 1));
+}
+
+/// Who is lost is somewhere else soon: after ten scans, or after four seconds of slow ones; not after two, nor while the laser is covered.
+#[test]
+fn a_new_piece_begins_after_ten_lost_scans_or_some_slow_ones() {
+    let lost = LowPose {
+        map_from_robot: Pose2::IDENTITY,
+        undetermined: None,
+        is_lost: true,
+        is_blind: false,
+        is_frozen: false,
+    };
+    let (found, blind) = (LowPose { is_lost: false, ..lost }, LowPose { is_blind: true, ..lost });
+    let begins_at = |micros: i64, scans: &[LowPose]| {
+        let mut pieces = Pieces::default();
+        let stamps = (0..).map(|k| Instant::from_micros(k * micros));
+        scans.iter().zip(stamps).position(|(low, stamp)| pieces.is_away(low, stamp))
+    };
+    assert_eq!(begins_at(200_000, &[lost; 20]), Some(9));
+    assert_eq!(begins_at(1_000_000, &[lost; 20]), Some(4));
+    assert_eq!(begins_at(10_000_000, &[lost; 20]), Some(2));
+    assert_eq!(begins_at(1_000_000, &[found, lost, lost, lost, lost, found, lost, lost, lost, lost]), None);
+    assert_eq!(begins_at(1_000_000, &[lost, lost, blind, blind, blind, blind, lost]), Some(6));
+    assert_eq!(begins_at(200_000, &[&[lost; 9], &[blind; 90][..], &[found]].concat()), None);
 }
