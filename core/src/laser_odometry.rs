@@ -73,7 +73,7 @@ const KEY_DISTANCE_M: f32 = 0.05;
 const KEY_ROTATION_DEG: f32 = 2.0;
 /// The first so many scans all go into the reference: the first one alone is thin and noisy. Chosen.
 const SETTLING_SCANS: u32 = 10;
-/// After so long without a scan that shows anything the robot may be anywhere.
+/// After so long without a scan that fits the robot may be anywhere.
 const GAP: Duration = Duration::from_millis(5000);
 /// While lost the reference is left alone, for this many scans at most: chosen.
 const PATIENCE_SCANS: u16 = 10;
@@ -176,8 +176,10 @@ pub struct LaserOdometry<'m> {
     course: Course,
     last_stamp: Option<Instant>,
     last_interval: Duration,
-    /// When a scan showed something last.
+    /// When a scan showed something last …
     seen_at: Option<Instant>,
+    /// … and when one fitted.
+    fitted_at: Option<Instant>,
     /// From scan to scan in the mean, s.
     usual_interval_s: f32,
     score_per_point: f32,
@@ -217,6 +219,7 @@ impl<'m> LaserOdometry<'m> {
             last_stamp: None,
             last_interval: Duration::ZERO,
             seen_at: None,
+            fitted_at: None,
             usual_interval_s: 0.0,
             score_per_point: SCORE_FIRST,
             scans: 0,
@@ -263,7 +266,7 @@ impl<'m> LaserOdometry<'m> {
         let eye = robot_from_lrf.position();
         let (count, hits) = self.take(&Sweep { scan: *scan, robot_from_lrf, motion })?;
         let is_frozen = self.sight.is_frozen(scan);
-        self.doubts |= is_frozen || self.last_stamp.is_some_and(|last| scan.stamp.since(last) > GAP);
+        self.doubts |= is_frozen || self.fitted_at.is_some_and(|fitted| scan.stamp.since(fitted) > GAP);
         if sight::is_covered(scan, self.hits.get(..hits).unwrap_or_default(), eye) {
             let coasted = self.course.coast(self.usual_interval_s);
             self.map_from_robot = self.map_from_robot * self.course.trusted(displacement).unwrap_or(coasted);
@@ -289,7 +292,7 @@ impl<'m> LaserOdometry<'m> {
         let inserted = if is_key { self.extend(taken(), (count, hits)) } else { InsertReport::default() };
         self.go_on(map_from_robot, &forecast, &found, is_lost);
         self.pass(scan.stamp);
-        self.seen_at = self.last_stamp;
+        self.note_sight(is_lost);
         if !first && is_trusted {
             self.score_per_point += SCORE_SHARE * (matched.score_per_point - self.score_per_point);
         }
@@ -350,6 +353,12 @@ impl<'m> LaserOdometry<'m> {
         self.last_stamp = Some(stamp);
     }
 
+    /// The last scan showed something.
+    fn note_sight(&mut self, is_lost: bool) {
+        self.seen_at = self.last_stamp;
+        self.fitted_at = if is_lost { self.fitted_at } else { self.last_stamp };
+    }
+
     /// A step by a scan that shows nothing: the robot is where it coasts to, or where odometry says, as far as anybody knows.
     fn blind_step(
         &mut self,
@@ -358,7 +367,6 @@ impl<'m> LaserOdometry<'m> {
         motion: SweepMotion,
         is_frozen: bool,
     ) -> OdometryReport {
-        self.doubts |= self.seen_at.is_some_and(|seen| scan.stamp.since(seen) > GAP);
         self.is_held = false;
         self.pass(scan.stamp);
         OdometryReport {

@@ -155,7 +155,7 @@ impl LaserOdometry<'_> {
         let share = share + SHARE_ERROR / libm::sqrtf(points as f32);
         let far = lost_share + ELSEWHERE_SHARE * if departure > 1.0 { departure } else { 0.0 };
         // Who has seen nothing, or been lost, may have driven meanwhile.
-        let was_there = self.is_held || (self.lost_scans == 0 && self.seen_at == self.last_stamp);
+        let was_there = self.is_held || self.fitted_at == self.last_stamp;
         let wanted = if self.is_told && was_there { far } else { far.min(RETURN_SHARE) };
         share < wanted || (share < RETURN_SHARE && share < far + THROUGH_SHARE * departure.min(1.0) * through())
     }

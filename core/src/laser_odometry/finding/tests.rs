@@ -169,3 +169,30 @@ fn a_scan_that_fits_badly_where_it_is_expected_and_nowhere_better_is_believed() 
         assert!(is_lost(&World::corridor(), 1.0, Pose2::IDENTITY), "{seed}: elsewhere it is not");
     }
 }
+
+#[test]
+fn who_is_lost_for_long_may_be_anywhere() {
+    let is_found_after = |lost_scans: i64, every: usize| {
+        let mut memory = Memory::new(2000);
+        let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+        let mut rng = Pcg32::seed_from_u64(5);
+        let mut step = |second: i64, change: &dyn Fn(usize, usize, &mut Echo)| {
+            let mut beams = World::room().scan(Pose2::IDENTITY, 8.0, 0.01, &mut rng);
+            let count = beams.len();
+            beams.iter_mut().enumerate().for_each(|(index, beam)| change(index, count, &mut beam.echo));
+            let scan = RangeScan { stamp: Instant::from_micros(1_000_000 * second), range_max_m: 8.0, beams: &beams };
+            odometry.step(&scan, Pose2::IDENTITY, None).unwrap().is_lost
+        };
+        (0..30).for_each(|second| assert!(!step(second, &|_, _, _| {})));
+        // People all about, who do not stand still.
+        let crowd = |second: i64| {
+            move |index: usize, _: usize, echo: &mut Echo| {
+                *echo = Echo::Hit(0.5 + 0.04 * ((index as i64 * second) % 17) as f32);
+            }
+        };
+        (30..30 + lost_scans).for_each(|second| assert!(step(second, &crowd(second))));
+        !step(30 + lost_scans, &leaves(every))
+    };
+    assert!(is_found_after(3, 5), "seven tenths of the usual score");
+    assert!(!is_found_after(6, 5) && is_found_after(6, 15), "rooms look alike");
+}
