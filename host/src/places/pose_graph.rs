@@ -2,10 +2,10 @@
 //! the nodes are most likely.
 //!
 //! Minimised is Σ eᵀ Ω e over the edges, e the error of an edge's displacement, by Gauss–Newton steps on sparse normal
-//! equations (Cholesky factorisation of `nalgebra-sparse`). Breaks have no error: they damp the steps of what nothing else
-//! holds. Closures have a robust kernel (Geman–McClure) that is made strict step by step, so that a right closure is believed
-//! although it is far off at first, and a wrong one is not although it comes first (graduated non-convexity: Yang, Antonante,
-//! Tzoumas & Carlone, RA-L 2020). Node 0 stays.
+//! equations (Cholesky factorisation of `nalgebra-sparse`), damped where they would make it worse (Levenberg and Marquardt).
+//! Breaks have no error: they only damp the steps of what nothing else holds. Closures have a robust kernel (Geman–McClure)
+//! that is made strict step by step, so that a right closure is believed although it is far off at first, and a wrong one is
+//! not although it comes first (graduated non-convexity: Yang, Antonante, Tzoumas & Carlone, RA-L 2020). Node 0 stays.
 //!
 //! Why not a factor-graph crate: `factrs` 0.3 brings 112 crates, `nalgebra-sparse` 25, most of which are here anyway; three unknowns
 //! a node and one kind of edge need little else.
@@ -16,8 +16,16 @@ use nalgebra_sparse::{CooMatrix, CscMatrix};
 
 use crate::pose_f64::{PoseF64, wrap};
 
-/// Gauss–Newton steps at most.
+/// Steps at most …
 const STEPS_MAX: usize = 40;
+/// … and trials, with those that made it worse. Chosen.
+const TRIALS_MAX: usize = 120;
+/// A step that made it worse is tried again with this share of the equations' diagonal added to it …
+const DAMPING_MIN: f64 = 1e-4;
+/// … and so many times as much each time, …
+const DAMPING_CHANGE: f64 = 10.0;
+/// … until nothing would move any more. Each step that makes it better lessens that again.
+const DAMPING_MAX: f64 = 1e8;
 /// A step that moves no node farther (m, rad) is the last one.
 const STEP_MIN: f64 = 1e-5;
 /// χ² (three degrees of freedom) at which a closure is half believed.
@@ -233,17 +241,20 @@ impl PoseGraph {
         let worst = self.closures().map(|(_, edge)| edge.chi2(&self.nodes)).fold(0.0, f64::max);
         let mut scale = f64::max(doubt * worst, CHI2_DOUBTED);
         let free = self.free_nodes();
-        for _ in 0..STEPS_MAX {
-            let Some(step) = self.step(scale, &free) else { break };
-            let largest = step.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
-            for (node, place) in self.nodes.iter_mut().zip(&free) {
-                let Some(row) = place else { continue };
-                let change = step.fixed_view::<3, 1>(3 * row, 0);
-                *node = PoseF64::new(node.x + change[0], node.y + change[1], wrap(node.heading + change[2]));
-            }
-            if scale <= CHI2_DOUBTED && largest < STEP_MIN {
+        let (mut steps, mut damping) = (0, 0.0);
+        for _ in 0..TRIALS_MAX {
+            let Some(largest) = self.try_step(scale, damping, &free) else {
+                damping = f64::max(DAMPING_CHANGE * damping, DAMPING_MIN);
+                if damping > DAMPING_MAX {
+                    break;
+                }
+                continue;
+            };
+            steps += 1;
+            if steps == STEPS_MAX || (scale <= CHI2_DOUBTED && damping == 0.0 && largest < STEP_MIN) {
                 break;
             }
+            damping = if damping > DAMPING_MIN { damping / DAMPING_CHANGE } else { 0.0 };
             scale = (scale / 2.0).max(CHI2_DOUBTED);
         }
         for edge in self.edges.iter().filter(|edge| edge.is_hanging()) {
@@ -272,8 +283,36 @@ impl PoseGraph {
         is_free.into_iter().map(|is_free| if is_free { places.next() } else { None }).collect()
     }
 
+    /// What is minimised: closures count by Geman and McClure's kernel, half believed at `scale`.
+    fn cost(&self, scale: f64) -> f64 {
+        let of = |edge: &Edge| {
+            let chi2 = edge.chi2(&self.nodes);
+            if edge.is_closure { scale * chi2 / (scale + chi2) } else { chi2 / self.variance_factor }
+        };
+        self.edges.iter().filter(|edge| !edge.is_break() && !edge.is_hanging()).map(of).sum()
+    }
+
+    /// A step of Levenberg and Marquardt; how far it moves the nodes at most, m and rad. `None` if there is none that makes it better: nothing moves then.
+    fn try_step(&mut self, scale: f64, damping: f64, free: &[Option<usize>]) -> Option<f64> {
+        let step = self.step(scale, damping, free)?;
+        let before = (self.cost(scale), self.nodes.clone());
+        for (node, place) in self.nodes.iter_mut().zip(free) {
+            let Some(row) = place else { continue };
+            let change = step.fixed_view::<3, 1>(3 * row, 0);
+            *node = PoseF64::new(node.x + change[0], node.y + change[1], wrap(node.heading + change[2]));
+        }
+        let largest = step.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+        if largest >= STEP_MIN && self.cost(scale) > before.0 {
+            self.nodes = before.1;
+            return None;
+        }
+        Some(largest)
+    }
+
     /// Solution of the normal equations, three numbers a node of `free`; `None` if they are singular.
-    fn step(&self, scale: f64, free: &[Option<usize>]) -> Option<DMatrix<f64>> {
+    ///
+    /// * `damping` — share that is added to their diagonal
+    fn step(&self, scale: f64, damping: f64, free: &[Option<usize>]) -> Option<DMatrix<f64>> {
         let size = 3 * free.iter().flatten().count();
         let mut matrix = CooMatrix::new(size, size);
         let mut right = DMatrix::zeros(size, 1);
@@ -294,8 +333,13 @@ impl PoseGraph {
                 let weighted = by_row.transpose() * information;
                 let mut part = right.fixed_view_mut::<3, 1>(3 * row, 0);
                 part -= weighted * error;
-                ends.iter()
-                    .for_each(|(column, by_column)| push_block(&mut matrix, *row, *column, &(weighted * by_column)));
+                for (column, by_column) in &ends {
+                    let mut block = weighted * by_column;
+                    if damping > 0.0 && row == column {
+                        block.set_diagonal(&((1.0 + damping) * block.diagonal()));
+                    }
+                    push_block(&mut matrix, *row, *column, &block);
+                }
             }
         }
         let factor = CscCholesky::factor(&CscMatrix::from(&matrix)).ok()?;

@@ -1,5 +1,5 @@
 use super::*;
-use lrfslam_core::math::normal;
+use lrfslam_core::math::{normal, uniform};
 use lrfslam_core::random::RandomStream;
 
 fn information(position_m: f64, heading_rad: f64) -> Matrix3<f64> {
@@ -209,6 +209,53 @@ fn a_piece_that_only_breaks_lead_to_keeps_its_shape() {
             let step = graph.nodes()[edge.from].between(graph.nodes()[edge.to]);
             let off = edge.from_to.between(step);
             assert!(off.distance_m() < 1e-6 && off.heading.abs() < 1e-6, "{}: {off:?}", edge.from - alone);
+        }
+    }
+}
+
+/// Pieces of path that drift, and where they lie: every so often a break, after it anywhere.
+fn pieces_of_path(uniform: &mut impl FnMut() -> f64) -> (Vec<PoseF64>, PoseGraph) {
+    let (mut truth, mut graph) = (vec![PoseF64::default()], PoseGraph::default());
+    graph.add_node(PoseF64::default());
+    for from in 0..120 {
+        if from % 40 == 39 {
+            truth.push(PoseF64::new(100.0 * uniform(), 100.0 * uniform(), 6.0 * uniform()));
+            graph.add_node(graph.nodes()[from]);
+            graph.add_edge(Edge::break_between(from, from + 1));
+            continue;
+        }
+        let step = PoseF64::new(8.0 * uniform(), 0.3 * uniform(), 0.1 * (uniform() - 0.3));
+        let told = PoseF64::new(step.x, step.y + 0.05 * (uniform() - 0.5), step.heading + 0.02 * (uniform() - 0.5));
+        truth.push(truth[from].then(step));
+        graph.add_node(graph.nodes()[from].then(told));
+        let information = information(0.02 + 0.1 * uniform(), 0.003 + 0.01 * uniform());
+        graph.add_edge(Edge { from, to: from + 1, from_to: told, information, is_closure: false });
+    }
+    (truth, graph)
+}
+
+/// Steps that are right only for small turns make it worse when nodes are far off, and twice as wrong nodes turn and move farther: they must not be taken.
+#[test]
+fn no_closures_however_wrong_draw_a_path_out_of_shape() {
+    for seed in 0..10 {
+        let mut rng = RandomStream::new(seed, 0, 0);
+        let mut uniform = || f64::from(uniform(&mut rng));
+        let (truth, mut graph) = pieces_of_path(&mut uniform);
+        for _ in 0..3 {
+            for _ in 0..4 {
+                let from = (100.0 * uniform()) as usize;
+                let to = from + 1 + ((truth.len() - 1 - from) as f64 * uniform()) as usize;
+                let wrong = PoseF64::new(30.0 * uniform() - 15.0, 30.0 * uniform() - 15.0, 6.0 * uniform());
+                let right = truth[from].between(truth[to]);
+                graph.add_edge(closure(from, to, if uniform() < 0.3 { wrong } else { right }));
+            }
+            let doubted = graph.solve_anew();
+            graph.remove_edges(&doubted);
+            graph.solve();
+            for edge in graph.edges().iter().filter(|edge| !edge.is_closure && !edge.is_break()) {
+                let off = edge.from_to.between(graph.nodes()[edge.from].between(graph.nodes()[edge.to]));
+                assert!(off.distance_m() < 1.0 && off.heading.abs() < 0.2, "{seed}: {} by {off:?}", edge.from);
+            }
         }
     }
 }
