@@ -14,6 +14,7 @@ use crate::scan::RangeScan;
 use crate::sweep::{Sweep, SweepMotion};
 use crate::time::{Duration, Instant};
 
+mod agreement;
 mod change;
 mod course;
 mod expectation;

@@ -3,6 +3,7 @@
 //! The last step again, or the robot's odometry: what was nearer to the matches so far predicts, position and heading each for
 //! themselves. So odometry that is good helps, and what is frozen, flipped, slipping or of another clock is left out.
 
+use super::expectation::INTERVAL_S;
 use super::open_axis::OpenAxis;
 use crate::geometry::Pose2;
 use crate::matcher::{Match, PriorSpread};
@@ -30,7 +31,7 @@ const PRIOR_MIN: f32 = 0.2;
 const STEADY_RAD: f32 = 0.5;
 /// … or, if scans come so far apart in the mean, s, to go straight on: who drives turns so much from one to the next in every bend, and only a wrong
 /// match, or one after a gap, does so with others. Chosen.
-const SLOW_S: f32 = 0.5;
+pub(super) const SLOW_S: f32 = 0.5;
 /// A robot that sees nothing loses its speed in about so long, s: who walks past a laser covers it for less. Chosen.
 const COAST_S: f32 = 2.0;
 
@@ -52,6 +53,17 @@ impl Errors {
     }
 }
 
+/// What the last step says of the next one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Says {
+    /// The robot goes on so.
+    Much,
+    /// It has turned so far that it may do so or not.
+    Little,
+    /// It may go at any speed.
+    Nothing,
+}
+
 /// What is expected of the next step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Forecast {
@@ -61,6 +73,8 @@ pub(super) struct Forecast {
     pub(super) spread: f32,
     /// How wide the prior is.
     pub(super) prior: PriorSpread,
+    /// False if nobody says how fast the robot goes: then it is expected to stand, for want of anything better.
+    pub(super) is_told: bool,
     /// The same step again, perhaps stretched.
     steady: Pose2,
     odometry: Option<Pose2>,
@@ -71,6 +85,7 @@ pub(super) struct Forecast {
 pub(super) struct Course {
     /// The last step, in the frame of the robot before it.
     step: Pose2,
+    says: Says,
     steady: Errors,
     odometry: Errors,
     /// Matches learned from, up to [`MEMORY`].
@@ -82,6 +97,7 @@ impl Default for Course {
     fn default() -> Self {
         Self {
             step: Pose2::IDENTITY,
+            says: Says::Nothing,
             steady: Errors::FIRST,
             odometry: Errors::FIRST,
             learned: FIRST_COUNT,
@@ -106,6 +122,7 @@ impl Course {
     /// Nothing is known of the motion any more.
     pub(super) fn rest(&mut self) {
         self.step = Pose2::IDENTITY;
+        self.says = Says::Nothing;
         self.open_axis.rest();
     }
 
@@ -131,17 +148,20 @@ impl Course {
     /// * `steady` — the last step again, perhaps stretched; along an open axis what [`OpenAxis`] says takes its place
     /// * `odometry` — displacement since the last scan, if there is any
     /// * `spread` — so many times as far as usual the robot may depart from a steady motion
+    /// * `interval_s` — from scan to scan in the mean
     /// * `prior_m`, `prior_rad` — how far that is usually; 0: no prior
     pub(super) fn forecast(
         &self,
         steady: Pose2,
         odometry: Option<Pose2>,
-        spread: f32,
+        (spread, interval_s): (f32, f32),
         (prior_m, prior_rad): (f32, f32),
     ) -> Forecast {
         let steady = self.open_axis.expected(steady, self.step);
         let mut step = steady;
-        let mut prior = PriorSpread { position: spread, heading: spread };
+        // A speed that changes takes the robot as far away as the root of the time; one that nobody knows, as the time.
+        let usual = if self.says == Says::Much { spread } else { spread.max(interval_s / INTERVAL_S) };
+        let mut prior = PriorSpread { position: usual, heading: usual };
         if let Some(told) = odometry {
             let width = |square: f32, usual: f32| {
                 (CAUTION * libm::sqrtf(square) / usual.max(f32::MIN_POSITIVE)).clamp(PRIOR_MIN, spread)
@@ -155,7 +175,8 @@ impl Course {
                 prior.heading = width(self.odometry.heading, prior_rad);
             }
         }
-        Forecast { step, spread, prior, steady, odometry }
+        let is_told = self.says != Says::Nothing || self.trusted(odometry).is_some();
+        Forecast { step, spread, prior, is_told, steady, odometry }
     }
 
     /// The robot has gone on by `step`, as `matched` says.
@@ -166,12 +187,13 @@ impl Course {
         let driven = self.open_axis.driven(step, forecast.step);
         self.open_axis.advance(step, matched);
         if step.heading.abs() <= STEADY_RAD {
-            self.step = driven;
+            (self.step, self.says) = (driven, Says::Much);
             return;
         }
         self.rest();
         if interval_s >= SLOW_S {
-            self.step = Pose2::new(libm::copysignf(driven.position().norm(), driven.x), 0.0, 0.0);
+            let step = Pose2::new(libm::copysignf(driven.position().norm(), driven.x), 0.0, 0.0);
+            (self.step, self.says) = (step, Says::Little);
         }
     }
 
@@ -207,14 +229,14 @@ mod tests {
     /// A robot that drives, stands and turns; what its odometry says of each step.
     fn told(says: impl Fn(usize, Pose2) -> Pose2) -> (Course, Forecast) {
         let mut course = Course::default();
-        let mut forecast = course.forecast(Pose2::IDENTITY, None, 1.0, USUAL);
+        let mut forecast = course.forecast(Pose2::IDENTITY, None, (1.0, 0.2), USUAL);
         for k in 0..200 {
             let step = match k / 10 % 3 {
                 0 => Pose2::new(0.1, 0.0, 0.0),
                 1 => Pose2::IDENTITY,
                 _ => Pose2::new(0.02, 0.0, 0.1),
             };
-            forecast = course.forecast(course.step(), Some(says(k, step)), 1.0, USUAL);
+            forecast = course.forecast(course.step(), Some(says(k, step)), (1.0, 0.2), USUAL);
             course.advance(&forecast, step, &sharp(), 0.2);
         }
         (course, forecast)
@@ -235,7 +257,7 @@ mod tests {
         let after = |step: Pose2, interval_s: f32| {
             let mut course = Course::default();
             // There was a gap, whatever the pace.
-            let forecast = course.forecast(Pose2::IDENTITY, None, 2.0, USUAL);
+            let forecast = course.forecast(Pose2::IDENTITY, None, (2.0, interval_s), USUAL);
             course.advance(&forecast, Pose2::new(1.0, 0.0, 0.1), &sharp(), interval_s);
             course.advance(&forecast, step, &sharp(), interval_s);
             course.step()
@@ -277,7 +299,7 @@ mod tests {
         let wrong = Some(Pose2::new(-0.25, 0.0, 0.0));
         assert!(course.trusted(wrong).is_some());
         for _ in 0..20 {
-            let forecast = course.forecast(course.step(), wrong, 1.0, USUAL);
+            let forecast = course.forecast(course.step(), wrong, (1.0, 0.2), USUAL);
             course.leap(&forecast, Pose2::new(0.25, 0.0, 0.0), &sharp());
         }
         assert!(course.trusted(wrong).is_none() && course.step() == Pose2::IDENTITY);

@@ -1,7 +1,7 @@
 //! Where the robot is expected at the next scan, how far from there it may be, and how it moves while the scan is taken.
 
 use super::LaserOdometry;
-use super::course::Forecast;
+use super::course::{Forecast, SLOW_S};
 use crate::geometry::Pose2;
 use crate::matcher::MatcherConfig;
 use crate::scan::RangeScan;
@@ -15,11 +15,11 @@ const STRETCH_MAX: f32 = 4.0;
 /// Score per point by which a stretched step must agree better than the last one again.
 const STRETCH_BETTER: f32 = 0.1;
 /// The search box and the prior are those of scans so far apart, s; with the time between scans they grow as a random walk does.
-const INTERVAL_S: f32 = 0.25;
+pub(super) const INTERVAL_S: f32 = 0.25;
 /// Longer gaps count as this long, s.
 const INTERVAL_MAX_S: f32 = 4.0;
 /// Share of an interval in the mean of the last ones.
-const INTERVAL_SHARE: f32 = 0.05;
+pub(super) const INTERVAL_SHARE: f32 = 0.05;
 
 impl LaserOdometry<'_> {
     /// What is expected of the step to `scan`, whose first `count` points are there.
@@ -27,7 +27,8 @@ impl LaserOdometry<'_> {
         let steady = self.expected_step(scan, count);
         let spread = self.spread(scan.stamp);
         let MatcherConfig { prior_position_m, prior_heading_deg, .. } = self.config.matcher;
-        self.course.forecast(steady, odometry, spread, (prior_position_m, prior_heading_deg.to_radians()))
+        let usual = (prior_position_m, prior_heading_deg.to_radians());
+        self.course.forecast(steady, odometry, (spread, self.usual_interval_s), usual)
     }
 
     /// The last step again, unless the scan agrees clearly better with a step in proportion to the time that has passed.
@@ -60,6 +61,11 @@ impl LaserOdometry<'_> {
         let share = INTERVAL_SHARE.max(1.0 / self.scans.max(1) as f32);
         self.usual_interval_s += share * (interval_s - self.usual_interval_s);
         libm::sqrtf((interval_s.max(self.usual_interval_s) / INTERVAL_S).max(1.0))
+    }
+
+    /// True if scans come so far apart that a robot sees another scene in each. A gap among others does not count.
+    pub(super) fn is_slow(&self) -> bool {
+        self.usual_interval_s >= SLOW_S
     }
 
     /// How the robot is expected to move while `scan` is taken: at the speed of the last step.

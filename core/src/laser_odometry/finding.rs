@@ -34,6 +34,8 @@ const EXPECTED_SHARE: f32 = 0.3;
 /// That is for scans so far apart that the box is so many times as large, half a second: who is not believed then has gone on by the next one. With scans
 /// close together that one is waited for. Chosen.
 const FAR_SPREAD: f32 = 1.4;
+/// With such scans witnesses are asked about a place that a scan fits by less than this share of the usual score. Chosen: different rooms reach so much.
+const REFUTED_SHARE: f32 = 2.0 / 3.0;
 /// A scan that fits elsewhere than expected has to reach so much more of the usual score for each deviation of the forecast, up to [`RETURN_SHARE`]
 /// where nobody else finds a robot that may be anywhere; who does finds one that has leapt, too. Chosen. Robots that drive move farther and fit well, or
 /// fit badly and move as expected; who fits badly elsewhere has been carried off. Only with scans nearer to each other than [`FAR_SPREAD`] says: slower
@@ -112,7 +114,7 @@ impl LaserOdometry<'_> {
         };
         let points = self.points.get(..count).unwrap_or_default();
         let matched = self.matcher.align(&self.ndt, points, &prediction, &mut self.rng);
-        let fits = self.fits(&matched, expected.eye, count);
+        let fits = self.fits(&matched, expected.eye, count) && !self.is_refuted(&matched, predicted, count, forecast);
         // What is left beside somebody who stands against the laser fits in too many places.
         if fits || (self.doubts && self.is_told) || self.sight.is_half_covered {
             return (matched, fits);
@@ -124,21 +126,54 @@ impl LaserOdometry<'_> {
         let turned = predicted.between(wide.map_from_robot).heading.abs();
         let share = if turned > forecast.spread * TURN_MAX_RAD { RETURN_SHARE } else { FOUND_SHARE };
         let is_found = wide.score_per_point >= share * self.score_per_point;
-        if is_found && wide.score > FOUND_BETTER * matched.score {
-            return (wide, self.fits(&wide, expected.eye, count));
+        let is_better = wide.score > FOUND_BETTER * matched.score;
+        if is_found && is_better {
+            let fits = self.fits(&wide, expected.eye, count) && !self.is_refuted(&wide, predicted, count, forecast);
+            return (wide, fits || self.is_confirmed(&wide, predicted, count, forecast));
+        }
+        let is_same = is_same(&matched, &wide);
+        let best = if is_better { &wide } else { &matched };
+        if (is_better || is_same) && self.is_confirmed(best, predicted, count, forecast) {
+            return (*best, true);
         }
         let fits = forecast.spread >= FAR_SPREAD
             && self.is_where_expected(predicted.between(matched.map_from_robot), forecast)
-            && is_same(&matched, &wide)
+            && is_same
             && matched.score_per_point >= EXPECTED_SHARE * self.score_per_point;
         (matched, fits)
+    }
+
+    /// True if scans are slow, and the robot cannot have driven to where one fits, or it fits there less well than usual and witnesses contradict it.
+    fn is_refuted(&self, matched: &Match, predicted: Pose2, count: usize, forecast: &Forecast) -> bool {
+        if !self.is_slow() {
+            return false;
+        }
+        let is_usual = matched.score_per_point >= REFUTED_SHARE * self.score_per_point;
+        self.is_too_far(matched, predicted, forecast)
+            || (!is_usual && self.agreement(matched.map_from_robot, count).refutes())
+    }
+
+    /// True if scans are slow, and one is where witnesses say that it is, and the robot can have driven there.
+    fn is_confirmed(&self, matched: &Match, predicted: Pose2, count: usize, forecast: &Forecast) -> bool {
+        // Who may be anywhere may be where it looks alike.
+        let is_asked = self.is_slow() && !self.doubts;
+        is_asked
+            && !self.is_too_far(matched, predicted, forecast)
+            && self.agreement(matched.map_from_robot, count).confirms()
+    }
+
+    /// True if no robot drives from where it was expected to where a scan fits, between slow scans.
+    fn is_too_far(&self, matched: &Match, predicted: Pose2, forecast: &Forecast) -> bool {
+        let [position, heading] = self.departure(predicted.between(matched.map_from_robot), forecast);
+        hypot(position, heading) > LEAP * forecast.spread
     }
 
     /// True if a step from where the robot is expected is no farther than it usually is off, and that place is known.
     fn is_where_expected(&self, off: Pose2, forecast: &Forecast) -> bool {
         let [position, heading] = self.deviations(off, &forecast.prior);
         // After a lost scan, or a while without sight, nobody knows.
-        self.lost_scans == 0 && !self.doubts && hypot(position, TURN_WEIGHT * heading) <= 1.0
+        let is_told = forecast.is_told || !self.is_slow();
+        self.lost_scans == 0 && !self.doubts && is_told && hypot(position, TURN_WEIGHT * heading) <= 1.0
     }
 
     /// True if a scan that fits does so too badly for departing so far from what was expected, or for the walls it looks through: from there on the

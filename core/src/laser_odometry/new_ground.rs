@@ -4,7 +4,7 @@
 //! left out: hits where no cell is and no witness has seen anything or that nothing is, and that no wall stands before. The rest must fit well, as
 //! a scan does that stands for few. A scan at a wrong place fits no better without them: its other hits lie where it is free, or behind walls.
 
-use super::witnesses::{self, Outline};
+use super::witnesses::{self, Outline, Testimony};
 use super::{LaserOdometry, Reference};
 use crate::geometry::Point2;
 use crate::matcher::Match;
@@ -33,6 +33,8 @@ impl LaserOdometry<'_> {
 
     /// True if the reference or a witness says what is to be expected of a ray from `eye` to `hit` (map).
     fn is_known(&self, eye: Point2, hit: Point2, outlines: &[Outline<'_>]) -> bool {
-        self.ndt.worth_at(hit).is_some() || self.ndt.stands_between(eye, hit) || witnesses::know(hit, outlines)
+        self.ndt.worth_at(hit).is_some()
+            || self.ndt.stands_between(eye, hit)
+            || witnesses::say(hit, outlines) != Testimony::None
     }
 }

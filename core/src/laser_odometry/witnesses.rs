@@ -172,9 +172,17 @@ pub(super) fn walking(hits: &[Point2], taken: &Taken, witnesses: &[KeyScan], wit
     walking
 }
 
-/// True if a witness saw that something is at `in_map`, or that nothing is.
-pub(super) fn know(in_map: Point2, outlines: &[Outline<'_>]) -> bool {
-    outlines.iter().any(|outline| outline.testimony(outline.place(in_map)) != Testimony::None)
+/// What they say of `in_map` together: what one of them saw there is there.
+pub(super) fn say(in_map: Point2, outlines: &[Outline<'_>]) -> Testimony {
+    let mut says = Testimony::None;
+    for outline in outlines {
+        match outline.testimony(outline.place(in_map)) {
+            Testimony::Near => return Testimony::Near,
+            Testimony::Free => says = Testimony::Free,
+            Testimony::None => {}
+        }
+    }
+    says
 }
 
 /// What each of the witnesses saw.

@@ -196,3 +196,69 @@ fn who_is_lost_for_long_may_be_anywhere() {
     assert!(is_found_after(3, 5), "seven tenths of the usual score");
     assert!(!is_found_after(6, 5) && is_found_after(6, 15), "rooms look alike");
 }
+
+/// A yard of 70 × 60 m with cars in it.
+fn yard() -> World {
+    let mut walls =
+        World::polyline(&[(-30.0, -25.0), (40.0, -25.0), (40.0, 20.0), (30.0, 35.0), (-30.0, 35.0), (-30.0, -25.0)]);
+    let mut rng = Pcg32::seed_from_u64(7);
+    for _ in 0..60 {
+        let (x, y) = (-25.0 + 60.0 * uniform(&mut rng), -22.0 + 50.0 * uniform(&mut rng));
+        if y.abs() > 2.5 {
+            let (w, h) = (1.5 + 3.0 * uniform(&mut rng), 1.5 + 2.0 * uniform(&mut rng));
+            walls.0.extend(World::polyline(&[(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)]).0);
+        }
+    }
+    walls
+}
+
+#[test]
+fn who_is_under_way_already_is_followed_from_the_first_slow_scan_on() {
+    let yard = yard();
+    let at = |scan: i64| Pose2::new(0.9 * scan as f32, 0.0, 0.05 * (scan % 5) as f32);
+    let is_followed = |seed: &u64| {
+        let mut memory = Memory::new(2000);
+        let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+        let mut rng = Pcg32::seed_from_u64(*seed);
+        (0..8).all(|scan| {
+            let beams = yard.scan(at(scan), 80.0, 0.1, &mut rng);
+            let stamp = Instant::from_micros(1_000_000 * scan);
+            let scan_there = RangeScan { stamp, range_max_m: 80.0, beams: &beams };
+            let report = odometry.step(&scan_there, Pose2::IDENTITY, None).unwrap();
+            let off_m = at(scan).between(report.matched.map_from_robot).position().norm();
+            !report.is_lost && off_m < 0.3
+        })
+    };
+    let followed = (1..=20).filter(is_followed).count();
+    assert!(followed >= 10, "{followed} of 20");
+}
+
+/// After a drive round the room, with scans a second apart, ten of them in `world` from `there`, as seen from where the drive ended: which are believed.
+fn believed_in(world: &World, there: Pose2, seed: u64) -> Vec<bool> {
+    let mut memory = Memory::new(2000);
+    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    odometry.leave_returns();
+    let mut rng = Pcg32::seed_from_u64(seed);
+    let mut step = |scan: usize, world: &World, at: Pose2| {
+        let beams = world.scan(at, 8.0, 0.01, &mut rng);
+        let stamp = Instant::from_micros(1_000_000 * scan as i64);
+        !odometry.step(&RangeScan { stamp, range_max_m: 8.0, beams: &beams }, Pose2::IDENTITY, None).unwrap().is_lost
+    };
+    (0..=120).for_each(|scan| assert!(step(scan, &World::room(), circle(scan))));
+    (121..=130).map(|scan| step(scan, world, circle(120) * there)).collect()
+}
+
+#[test]
+fn between_slow_scans_too_who_is_carried_off_is_lost() {
+    let other = World::polyline(&[(-3.0, -2.0), (4.0, -2.0), (4.0, 3.2), (-3.0, 3.2), (-3.0, -2.0)]);
+    let turned = [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4];
+    let mut lost = 0;
+    for (turned, seed) in turned.into_iter().zip(1..) {
+        lost += usize::from(!believed_in(&other, Pose2::new(-1.2, 0.8, turned), seed).contains(&true));
+        let pushed = believed_in(&World::room(), Pose2::new(-1.2, 0.8, turned), seed);
+        assert!(!pushed.contains(&false), "1.4 m in a second, turned by {turned}: {pushed:?}");
+        let thrown = believed_in(&World::room(), Pose2::new(-2.0, 0.8, 1.8), seed);
+        assert!(!thrown[0], "no robot turns so besides: {thrown:?}");
+    }
+    assert!(lost >= 4, "{lost} of 8, in a room that is a metre smaller");
+}
