@@ -19,7 +19,7 @@ pub(super) const INTERVAL_S: f32 = 0.25;
 /// Longer gaps count as this long, s.
 const INTERVAL_MAX_S: f32 = 4.0;
 /// Share of an interval in the mean of the last ones.
-pub(super) const INTERVAL_SHARE: f32 = 0.05;
+const INTERVAL_SHARE: f32 = 0.05;
 
 impl LaserOdometry<'_> {
     /// What is expected of the step to `scan`, whose first `count` points are there.
