@@ -159,8 +159,10 @@ impl Course {
     ) -> Forecast {
         let steady = self.open_axis.expected(steady, self.step);
         let mut step = steady;
-        // A speed that changes takes the robot as far away as the root of the time; one that nobody knows, as the time.
-        let usual = if self.says == Says::Much { spread } else { spread.max(interval_s / INTERVAL_S) };
+        // A speed that changes takes the robot as far away as the root of the time; one that nobody knows, as the time. Between close scans that is
+        // no more than a prior allows.
+        let is_guess = self.says != Says::Much && interval_s >= SLOW_S;
+        let usual = if is_guess { spread.max(interval_s / INTERVAL_S) } else { spread };
         let mut prior = PriorSpread { position: usual, heading: usual };
         if let Some(told) = odometry {
             let width = |square: f32, usual: f32| {
