@@ -275,6 +275,25 @@ mod tests {
     }
 
     #[test]
+    fn between_slow_scans_the_prior_is_wider_as_long_as_nobody_knows_how_the_robot_goes_on() {
+        let forecast = |steps: &[Pose2], interval_s: f32| {
+            let mut course = Course::default();
+            let next = |course: &Course| course.forecast(course.step(), None, (2.0, interval_s), USUAL);
+            for step in steps {
+                let expected = next(&course);
+                course.advance(&expected, *step, &sharp(), interval_s);
+            }
+            let Forecast { prior, is_told, .. } = next(&course);
+            (prior.position, prior.heading, is_told)
+        };
+        let (straight, bend) = (Pose2::new(1.0, 0.0, 0.1), Pose2::new(0.8, 0.3, 0.6));
+        assert_eq!(forecast(&[], 1.0), (4.0, 4.0, false), "under way or not");
+        assert_eq!(forecast(&[straight], 1.0), (2.0, 2.0, true));
+        assert_eq!(forecast(&[straight, bend], 1.0), (4.0, 4.0, true), "it may turn on or not");
+        assert_eq!(forecast(&[], 0.4), (2.0, 2.0, false), "scans close together, and a gap");
+    }
+
+    #[test]
     fn good_odometry_predicts_and_narrows_the_prior() {
         let (course, forecast) = told(|_, step| Pose2::new(1.03 * step.x, step.y, 0.97 * step.heading));
         assert!(course.trusted(Some(Pose2::IDENTITY)).is_some());
