@@ -34,7 +34,7 @@ const EXPECTED_SHARE: f32 = 0.3;
 /// That is for scans so far apart that the box is so many times as large, half a second: who is not believed then has gone on by the next one. With scans
 /// close together that one is waited for. Chosen.
 const FAR_SPREAD: f32 = 1.4;
-/// With such scans witnesses are asked about a place that a scan fits by less than this share of the usual score. Chosen: different rooms reach so much.
+/// With slow scans witnesses are asked about a place that a scan fits by less than this share of the usual score. Chosen: different rooms reach so much.
 const REFUTED_SHARE: f32 = 2.0 / 3.0;
 /// A scan that fits elsewhere than expected has to reach so much more of the usual score for each deviation of the forecast, up to [`RETURN_SHARE`]
 /// where nobody else finds a robot that may be anywhere; who does finds one that has leapt, too. Chosen. Robots that drive move farther and fit well, or
@@ -162,7 +162,8 @@ impl LaserOdometry<'_> {
             && self.agreement(matched.map_from_robot, count).confirms()
     }
 
-    /// True if no robot drives from where it was expected to where a scan fits, between slow scans.
+    /// True if no robot drives from where it was expected to where a scan fits, between slow scans: a speed changes as [`LEAP`] says, in proportion to the
+    /// time, and deviations grow as its root.
     fn is_too_far(&self, matched: &Match, predicted: Pose2, forecast: &Forecast) -> bool {
         let [position, heading] = self.departure(predicted.between(matched.map_from_robot), forecast);
         hypot(position, heading) > LEAP * forecast.spread
