@@ -145,7 +145,8 @@ impl LaserOdometry<'_> {
 
     /// True if scans are slow, and the robot cannot have driven to where one fits, or it fits there less well than usual and witnesses contradict it.
     fn is_refuted(&self, matched: &Match, predicted: Pose2, count: usize, forecast: &Forecast) -> bool {
-        if !self.is_slow() {
+        // Without a share nothing is lost.
+        if !self.is_slow() || self.config.recovery.lost_share <= 0.0 {
             return false;
         }
         let is_usual = matched.score_per_point >= REFUTED_SHARE * self.score_per_point;

@@ -234,9 +234,9 @@ fn who_is_under_way_already_is_followed_from_the_first_slow_scan_on() {
 }
 
 /// After a drive round the room, with scans a second apart, ten of them in `world` from `there`, as seen from where the drive ended: which are believed.
-fn believed_in(world: &World, there: Pose2, seed: u64) -> Vec<bool> {
+fn believed_in(config: &LaserOdometryConfig, world: &World, there: Pose2, seed: u64) -> Vec<bool> {
     let mut memory = Memory::new(2000);
-    let mut odometry = memory.odometry(&LaserOdometryConfig::default());
+    let mut odometry = memory.odometry(config);
     odometry.leave_returns();
     let mut rng = Pcg32::seed_from_u64(seed);
     let mut step = |scan: usize, world: &World, at: Pose2| {
@@ -252,13 +252,20 @@ fn believed_in(world: &World, there: Pose2, seed: u64) -> Vec<bool> {
 fn between_slow_scans_too_who_is_carried_off_is_lost() {
     let other = World::polyline(&[(-3.0, -2.0), (4.0, -2.0), (4.0, 3.2), (-3.0, 3.2), (-3.0, -2.0)]);
     let turned = [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4];
+    let config = LaserOdometryConfig::default();
     let mut lost = 0;
     for (turned, seed) in turned.into_iter().zip(1..) {
-        lost += usize::from(!believed_in(&other, Pose2::new(-1.2, 0.8, turned), seed).contains(&true));
-        let pushed = believed_in(&World::room(), Pose2::new(-1.2, 0.8, turned), seed);
+        lost += usize::from(!believed_in(&config, &other, Pose2::new(-1.2, 0.8, turned), seed).contains(&true));
+        let pushed = believed_in(&config, &World::room(), Pose2::new(-1.2, 0.8, turned), seed);
         assert!(!pushed.contains(&false), "1.4 m in a second, turned by {turned}: {pushed:?}");
-        let thrown = believed_in(&World::room(), Pose2::new(-2.0, 0.8, 1.8), seed);
+        let thrown = believed_in(&config, &World::room(), Pose2::new(-2.0, 0.8, 1.8), seed);
         assert!(!thrown[0], "no robot turns so besides: {thrown:?}");
     }
     assert!(lost >= 4, "{lost} of 8, in a room that is a metre smaller");
+    let mut config = config;
+    config.recovery.lost_share = 0.0;
+    assert!(
+        !believed_in(&config, &other, Pose2::new(-1.2, 0.8, 0.0), 4).contains(&false),
+        "without a share nobody is lost"
+    );
 }
