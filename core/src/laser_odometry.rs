@@ -191,7 +191,8 @@ pub struct LaserOdometry<'m> {
     doubts: bool,
     /// Somebody else tells where it is then.
     is_told: bool,
-    /// A scan fits where the robot cannot have driven: until one fits where it can, or somebody else finds it, it is kept where it was.
+    /// A scan fits best where the robot cannot have driven, or where witnesses contradict it: until one fits elsewhere, or somebody else finds it, the
+    /// robot is kept where it was.
     is_held: bool,
 }
 

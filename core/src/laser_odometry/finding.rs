@@ -88,7 +88,9 @@ impl LaserOdometry<'_> {
         let is_carried_off = fits && is_soon && self.is_carried_off(&matched, departure, points, through);
         let fits = fits && !is_carried_off;
         self.doubts |= is_carried_off;
-        self.is_held = !fits && (self.is_held || (is_carried_off && leaps && self.is_told));
+        let is_refuted = || self.is_refuted(&matched, expected.map_from_robot, points, forecast);
+        let is_elsewhere = !fits && self.is_told && ((is_carried_off && leaps) || is_refuted());
+        self.is_held = !fits && (self.is_held || is_elsewhere);
         if walking > 0 {
             self.put_in_order(hits);
         }

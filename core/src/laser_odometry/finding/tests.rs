@@ -259,9 +259,9 @@ fn between_slow_scans_too_who_is_carried_off_is_lost() {
         let pushed = believed_in(&config, &World::room(), Pose2::new(-1.2, 0.8, turned), seed);
         assert!(!pushed.contains(&false), "1.4 m in a second, turned by {turned}: {pushed:?}");
         let thrown = believed_in(&config, &World::room(), Pose2::new(-2.0, 0.8, 1.8), seed);
-        assert!(!thrown[0], "no robot turns so besides: {thrown:?}");
+        assert!(!thrown.contains(&true), "no robot turns so besides: {thrown:?}");
     }
-    assert!(lost >= 4, "{lost} of 8, in a room that is a metre smaller");
+    assert!(lost >= 7, "{lost} of 8, in a room that is a metre smaller");
     let mut config = config;
     config.recovery.lost_share = 0.0;
     assert!(
