@@ -27,7 +27,7 @@ use lrfslam_host::scans::log::LogOptions;
 lrfslam_core::config! {
     /// How the log is read.
     pub struct LogConfig {
-        /// Ranges from here on mean "nothing seen", m; 0: as the log says or shows.
+        /// Ranges of a log or laser from here on mean "nothing seen", m; 0: as the log or laser says or shows.
         range_max_m: f32 = 0.0, in 0.0..=1000.0;
         /// Angle over which the beams lie evenly, degrees; 0: as the log says, else by the number of beams.
         field_of_view_deg: f32 = 0.0, in 0.0..=360.0;

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 
 use anyhow::anyhow;
+use lrfslam_core::scan::Echo;
 
 use crate::input::text::ByteCount;
 use crate::output::RECORDING;
@@ -25,7 +26,7 @@ pub struct Scans {
 
 enum Origin {
     Log { reader: Box<LogReader>, is_piped: bool, is_over: bool },
-    Laser { stream: Box<ScanStream>, file: Option<PathBuf>, report: Option<SourceReport> },
+    Laser { stream: Box<ScanStream>, file: Option<PathBuf>, report: Option<SourceReport>, range_max_m: Option<f32> },
 }
 
 /// A log from the standard input.
@@ -52,7 +53,7 @@ impl Scans {
     pub fn open(path: &Path, options: LogOptions, stop: &'static AtomicBool, mut say: Say) -> anyhow::Result<Self> {
         let (is_piped, file) = (is_stdin(path), path.display().to_string());
         if path.is_dir() && path.join(RECORDING).is_file() && !options.tf.is_any() {
-            return Self::replay(path, true, stop, say);
+            return Ok(Self::replay(path, true, stop, say)?.within(options.range_max_m));
         }
         let reader = if is_piped {
             LogReader::from_reader("-", Piped::new(io::stdin(), stop), options)
@@ -61,7 +62,9 @@ impl Scans {
         };
         match reader {
             Err(LogError::Recording { .. }) if options.tf.is_any() => Err(LogError::NoFrames { file }.into()),
-            Err(LogError::Recording { .. }) if !is_piped => Self::replay(path, true, stop, say),
+            Err(LogError::Recording { .. }) if !is_piped => {
+                Ok(Self::replay(path, true, stop, say)?.within(options.range_max_m))
+            }
             Err(error) => Err(error.into()),
             Ok(reader) => {
                 reader.frames_found().iter().for_each(|found| say(found));
@@ -79,21 +82,32 @@ impl Scans {
         let path = if path.is_dir() { path.join(RECORDING) } else { path.to_owned() };
         RecordingReader::open(&path)?;
         let source = ScanSource::Recording { path: path.clone(), fast };
-        let (stream, file) = (Box::new(ScanStream::new(source, stop, say)), Some(path.clone()));
-        Ok(Self { name: path.display().to_string(), stop, origin: Origin::Laser { stream, file, report: None } })
+        let stream = ScanStream::new(source, stop, say);
+        Ok(Self::of(path.display().to_string(), stream, stop, Some(path)))
     }
 
     /// Those of a laser, from now on.
     pub fn live(laser: LiveLaser, stop: &'static AtomicBool, say: Say) -> Self {
         let name = laser.address.to_string();
-        let stream = Box::new(ScanStream::new(ScanSource::Live(laser), stop, say));
-        Self { name, stop, origin: Origin::Laser { stream, file: None, report: None } }
+        Self::of(name, ScanStream::new(ScanSource::Live(laser), stop, say), stop, None)
     }
 
     /// Those that others tell of a laser, from now on; `name` says where they come from.
     pub fn told(name: String, fetch: Fetch, stop: &'static AtomicBool, say: Say) -> Self {
-        let stream = Box::new(ScanStream::of(fetch, stop, say));
-        Self { name, stop, origin: Origin::Laser { stream, file: None, report: None } }
+        Self::of(name, ScanStream::of(fetch, stop, say), stop, None)
+    }
+
+    fn of(name: String, stream: ScanStream, stop: &'static AtomicBool, file: Option<PathBuf>) -> Self {
+        let origin = Origin::Laser { stream: Box::new(stream), file, report: None, range_max_m: None };
+        Self { name, stop, origin }
+    }
+
+    /// The same; what a laser measures from `range_max_m` (m) on are misses. A log's reader has been told already.
+    pub fn within(mut self, given_m: Option<f32>) -> Self {
+        if let Origin::Laser { range_max_m, .. } = &mut self.origin {
+            *range_max_m = given_m;
+        }
+        self
     }
 
     /// They were read by lines; otherwise by a laser's driver.
@@ -178,12 +192,26 @@ impl Iterator for Scans {
                 let next = next.filter(|next| next.is_ok() || !(*is_piped && is_stopped()));
                 next.map(|next| next.map_err(anyhow::Error::new))
             }
-            Origin::Laser { stream, .. } => match stream.next() {
-                Some(scan) => Some(Ok(scan)),
+            Origin::Laser { stream, range_max_m, .. } => match stream.next() {
+                Some(scan) => Some(Ok(match *range_max_m {
+                    Some(range_max_m) => limited(scan, range_max_m),
+                    None => scan,
+                })),
                 None => self.stop_laser().err().map(Err),
             },
         }
     }
+}
+
+/// The same scan; ranges from `range_max_m` (m) on are misses.
+fn limited(mut scan: LogScan, range_max_m: f32) -> LogScan {
+    for beam in &mut scan.beams {
+        if matches!(beam.echo, Echo::Hit(range_m) if range_m >= range_max_m) {
+            beam.echo = Echo::Miss;
+        }
+    }
+    scan.range_max_m = scan.range_max_m.min(range_max_m);
+    scan
 }
 
 /// The standard input, read by a thread of its own: who waits for it notices that the user wants an end.

@@ -164,7 +164,7 @@ impl LaserArgs {
 
     /// The scans of it, not recorded.
     ///
-    /// * `range_max_m` — of a topic: ranges from here on are misses, m; `None`: as its messages say
+    /// * `range_max_m` — ranges from here on are misses, m; `None`: as the laser, or the topic's messages, say
     pub(super) fn scans(
         &self,
         range_max_m: Option<f32>,
@@ -173,7 +173,7 @@ impl LaserArgs {
     ) -> Result<Scans, Failure> {
         match self.topic() {
             Some(topic) => ros2_node::scans(topic, (range_max_m, self.wait), stop, say),
-            None => Ok(Scans::live(self.live().map_err(Failure::Start)?, stop, say)),
+            None => Ok(Scans::live(self.live().map_err(Failure::Start)?, stop, say).within(range_max_m)),
         }
     }
 

@@ -29,5 +29,6 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let sayer = plan.sayer();
     let scans = Scans::replay(&args.file, args.fast, plan.stop, sayer).map_err(Failure::Start)?;
     let config = plan.config;
+    let scans = scans.within(config.log_options().range_max_m);
     plan.map(scans, || args.mapping.folder("run", &config))
 }

@@ -79,7 +79,7 @@ pub(super) fn run(args: &RunArgs) -> Result<(), Failure> {
     let folder = args.mapping.folder(STEM, &plan.config)?;
     let laser = LiveLaser { record: args.record(&folder, plan.bag.as_ref()).map_err(Failure::Start)?, ..laser };
     let sayer = plan.sayer();
-    let scans = Scans::live(laser, plan.stop, sayer);
+    let scans = Scans::live(laser, plan.stop, sayer).within(plan.config.log_options().range_max_m);
     plan.map(scans, || Ok(folder))
 }
 

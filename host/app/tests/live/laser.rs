@@ -10,13 +10,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::common::{lrfslam, run};
+use lrfslam_core::scan::Echo;
 use lrfslam_firmware_sim::fault::FaultPlan;
 use lrfslam_firmware_sim::pty;
 use lrfslam_firmware_sim::scenario::Scenario;
 use lrfslam_firmware_sim::virtual_lrf::VirtualLrf;
 use lrfslam_firmware_sim::virtual_lrf::hokuyo::{HokuyoModel, VirtualHokuyo};
 use lrfslam_firmware_sim::virtual_lrf::sick::{SickModel, VirtualSick};
+use lrfslam_host::runs::scans::read_scans;
 use lrfslam_host::scans::link::Address;
+use lrfslam_host::scans::log::{LogOptions, LogScan};
 
 /// A laser at a pseudo-terminal, until dropped.
 pub struct Laser {
@@ -115,6 +118,38 @@ fn temporary() -> tempfile::TempDir {
 fn partial(folder: &Path) -> bool {
     let report: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("run.json")).unwrap()).unwrap();
     report["partial"].as_bool().unwrap()
+}
+
+/// `doctor` tells to set it where a laser's "nothing seen" reads as a wall.
+#[test]
+fn a_laser_and_its_recording_are_limited_by_log_range_max_m() {
+    let folder = temporary();
+    let laser = Laser::hokuyo(folder.path());
+    let near = ["--scans", "30", "-q", "--set", "log.range_max_m=2"];
+    let done = |arguments: &[&str], more: &[&str]| {
+        let (code, _, stderr) = run(folder.path(), &[arguments, more].concat());
+        assert_eq!((code, stderr.as_str()), (0, ""), "{arguments:?}");
+    };
+    done(&["run", "--lrf", "hokuyo", "--port", &laser.port(), "--out", "near"], &near);
+    done(&["replay", "near", "--fast", "--out", "again"], &near);
+    done(&["map", "near/laser.rec", "--out", "mapped"], &near);
+    done(&["map", "near/laser.rec", "--out", "far"], &near[..3]);
+    let path = |name: &str| fs::read(folder.path().join(name).join("trajectory.tum")).unwrap();
+    assert_eq!([path("again"), path("mapped")], [path("near"), path("near")]);
+    assert_ne!(path("far"), path("near"));
+
+    let recording = folder.path().join("near/laser.rec");
+    let read = |range_max_m| read_scans(&recording, LogOptions { range_max_m, ..LogOptions::default() }).unwrap();
+    let farther = |scan: &LogScan| {
+        scan.beams.iter().filter(|beam| matches!(beam.echo, Echo::Hit(range_m) if range_m >= 2.0)).count()
+    };
+    let (far, near) = (read(None), read(Some(2.0)));
+    assert!(far[0].range_max_m > 2.0 && farther(&far[0]) > 0);
+    for (far, near) in far.iter().zip(&near) {
+        let misses = |scan: &LogScan| scan.beams.iter().filter(|beam| beam.echo == Echo::Miss).count();
+        assert_eq!((near.range_max_m, farther(near)), (2.0, 0));
+        assert_eq!(misses(near), misses(far) + farther(far));
+    }
 }
 
 #[test]
