@@ -102,7 +102,9 @@ impl Scans {
         Self { name, stop, origin }
     }
 
-    /// The same; what a laser measures from `range_max_m` (m) on are misses. A log's reader has been told already.
+    /// The same. A log's reader has been told already.
+    ///
+    /// * `given_m` — what a laser measures from here on are misses, m; `None`: as it says
     pub fn within(mut self, given_m: Option<f32>) -> Self {
         if let Origin::Laser { range_max_m, .. } = &mut self.origin {
             *range_max_m = given_m;
