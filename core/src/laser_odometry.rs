@@ -24,6 +24,7 @@ mod lone;
 #[cfg(feature = "witnesses")]
 mod new_ground;
 mod open_axis;
+mod pace;
 mod reference;
 mod sight;
 #[cfg(feature = "witnesses")]

@@ -1,9 +1,12 @@
 //! What is expected of the robot along an axis that the scene says little about, as in a bare corridor.
 //!
 //! The last step again would be what is left of an error: who set off or stopped where nothing told would stand, or go on, until the corridor
-//! ends. So the speed goes towards that at which the robot usually drives, while it goes straight on and what it sees changes.
+//! ends. So the speed goes towards that at which the robot usually drives, while it goes straight on and what it sees changes. A robot that has
+//! always driven at about one speed goes on at that, whatever it sees: each match is drawn a little to what is known already, and with a fast
+//! laser's scans that would add up until it stands.
 
 use super::change::Change;
+use super::pace::Pace;
 use crate::geometry::{Point2, Pose2};
 use crate::matcher::Match;
 use crate::scan::RangeScan;
@@ -12,16 +15,12 @@ use crate::scan::RangeScan;
 const OPEN_BELOW: f32 = 0.05;
 /// The robot's usual speed is learned from matches that count at least so much along their weakest axis.
 const GAIN_MIN: f32 = 0.5;
-/// A robot is driving if a step is longer than this, m, …
+/// A robot goes backwards if a step is longer than this, m, …
 const DRIVING_M: f32 = 0.02;
-/// … and turns by less than this, rad.
+/// … and straight on if it turns by less than this, rad.
 const STRAIGHT_RAD: f32 = 0.03;
-/// It is this until the robot has driven, m/s …
+/// It is this until the robot has driven, m/s.
 const PACE_MPS: f32 = 0.3;
-/// … for so many steps, …
-const STEPS_MIN: f32 = 5.0;
-/// … of which it is the mean then, up to so many.
-const STEPS_MAX: f32 = 50.0;
 /// Share of the way from the last step to the usual one that is gone in a step.
 const TOWARDS_USUAL: f32 = 0.2;
 /// Cosine of the angle to the robot's heading below which it drives along an axis …
@@ -40,10 +39,7 @@ pub(super) struct OpenAxis {
     /// Unit vector, robot frame, that points ahead.
     axis: Option<Point2>,
     change: Change,
-    /// Step of a robot that drives straight on, where the scene tells it, m.
-    usual_m: f32,
-    /// Learned from so many.
-    steps: f32,
+    pace: Pace,
     /// From scan to scan in the mean.
     interval_s: f32,
 }
@@ -60,6 +56,7 @@ impl OpenAxis {
     /// Nothing is known of the motion any more.
     pub(super) fn rest(&mut self) {
         self.axis = None;
+        self.pace.rest();
     }
 
     /// `step` with what is to be expected along the open axis, if there is one, after the step `last`.
@@ -67,7 +64,8 @@ impl OpenAxis {
         let Some(axis) = self.axis else { return step };
         let along = |step: Pose2| axis.x * step.x + axis.y * step.y;
         let before = along(last);
-        let is_driving = step.heading.abs() < STRAIGHT_RAD && self.change.says_that_it_moves();
+        let moves = self.change.says_that_it_moves() || self.pace.is_even(self.interval_s);
+        let is_driving = step.heading.abs() < STRAIGHT_RAD && moves;
         let expected = if axis.x > ALONG && is_driving {
             // Who goes backwards by a wrong match does not go on so.
             let usual = if before < -DRIVING_M { 0.0 } else { self.usual_m(before) };
@@ -83,7 +81,7 @@ impl OpenAxis {
 
     /// The usual step; as long as it is not known, that of a walk, or the last one if that is longer.
     fn usual_m(&self, before: f32) -> f32 {
-        if self.steps >= STEPS_MIN { self.usual_m } else { before.max(PACE_MPS * self.interval_s) }
+        self.pace.step_m().unwrap_or(before.max(PACE_MPS * self.interval_s))
     }
 
     /// How the robot has driven, if it was expected to go on by `forecast` and is `step` away now: what tells the place on an axis at last may say
@@ -97,11 +95,7 @@ impl OpenAxis {
 
     /// The robot has gone on by `step`, as `matched` says.
     pub(super) fn advance(&mut self, step: Pose2, matched: &Match) {
-        let is_told = matched.gain >= GAIN_MIN;
-        if is_told && step.x > DRIVING_M && step.heading.abs() < STRAIGHT_RAD {
-            self.steps = (self.steps + 1.0).min(STEPS_MAX);
-            self.usual_m += (step.x - self.usual_m) / self.steps;
-        }
+        self.pace.advance(step, matched.gain >= GAIN_MIN, self.interval_s);
         self.axis = (matched.constraint < OPEN_BELOW).then(|| {
             let turned = Pose2::new(0.0, 0.0, -matched.map_from_robot.heading);
             let axis = turned.transform(matched.weakest_axis);
@@ -122,15 +116,18 @@ mod tests {
     fn after_a_drive(axis: Point2, changes: bool) -> OpenAxis {
         let mut open = OpenAxis::default();
         let matched = |constraint, gain| Match { constraint, gain, weakest_axis: axis, ..Match::none(Pose2::IDENTITY) };
-        (0..30).for_each(|_| open.advance(Pose2::new(0.1, 0.0, 0.0), &matched(0.3, 1.0)));
         for scan in 0..20 {
-            let range_m = 2.0 + if changes { 0.1 * (scan % 2) as f32 } else { 0.0 };
-            let beams = [Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Hit(range_m) }; 32];
-            let stamp = Instant::from_micros(200_000 * scan);
-            open.look(&RangeScan { stamp, range_max_m: 8.0, beams: &beams }, 0.2);
+            look(&mut open, scan, 0.2, 2.0 + if changes { 0.1 * (scan % 2) as f32 } else { 0.0 });
         }
+        (0..30).for_each(|_| open.advance(Pose2::new(0.1, 0.0, 0.0), &matched(0.3, 1.0)));
         open.advance(Pose2::IDENTITY, &matched(0.01, 0.0));
         open
+    }
+
+    fn look(open: &mut OpenAxis, scan: i64, interval_s: f32, range_m: f32) {
+        let beams = [Beam { bearing_rad: 0.0, offset: Duration::ZERO, echo: Echo::Hit(range_m) }; 32];
+        let stamp = Instant::from_micros((f64::from(interval_s) * 1e6) as i64 * scan);
+        open.look(&RangeScan { stamp, range_max_m: 8.0, beams: &beams }, interval_s);
     }
 
     fn drives(open: &OpenAxis, mut step: Pose2, scans: usize) -> Pose2 {
@@ -154,9 +151,31 @@ mod tests {
         assert_eq!(drives(&after_a_drive(AHEAD, true), turning, 30), turning);
     }
 
+    /// Half a metre a second, then bare walls for ten seconds, each match a hundredth short.
+    #[test]
+    fn the_scans_of_a_fast_laser_do_not_bring_an_even_robot_to_a_stand() {
+        let matched =
+            |constraint, gain| Match { constraint, gain, weakest_axis: AHEAD, ..Match::none(Pose2::IDENTITY) };
+        let (mut open, hertz) = (OpenAxis::default(), 37.5);
+        let mut step = Pose2::new(0.5 / hertz, 0.0, 0.0);
+        for scan in 0..1125 {
+            look(&mut open, scan, 1.0 / hertz, 2.0);
+            let (constraint, gain) = if scan < 750 { (0.3, 1.0) } else { (0.01, 0.0) };
+            let forecast = open.expected(step, step);
+            step.x = if scan < 750 { forecast.x } else { 0.99 * forecast.x };
+            step = open.driven(step, forecast);
+            open.advance(step, &matched(constraint, gain));
+        }
+        assert!(
+            (step.x * hertz - 0.5).abs() < 0.05,
+            "{} m/s, 0.01 if the last step is all that is known",
+            step.x * hertz
+        );
+    }
+
     #[test]
     fn who_has_never_driven_sets_off_at_a_walk() {
-        let open = OpenAxis { steps: 0.0, usual_m: 0.0, ..after_a_drive(AHEAD, true) };
+        let open = OpenAxis { pace: Pace::default(), ..after_a_drive(AHEAD, true) };
         let step = drives(&open, Pose2::IDENTITY, 30);
         assert!((step.x - 0.06).abs() < 0.002, "0.3 m/s, five scans a second: {step:?}");
         let fast = Pose2::new(0.2, 0.0, 0.0);
