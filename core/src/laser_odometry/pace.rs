@@ -3,7 +3,7 @@
 //! Over 0.08 s at least. From one scan to the next of a fast laser a robot drives a centimetre, and a match is off by as much.
 //!
 //! Between bare walls each match is drawn a little to where the last one was, and the more scans there are, the more that adds up: with 37 a second
-//! a robot came down to half its speed in ten seconds. So one that has always driven at about one speed goes on at that, if its laser is fast.
+//! a robot came down to half its speed in twenty seconds. So one that has always driven at about one speed goes on at that, if its laser is fast.
 
 use super::course::SLOW_S;
 use crate::geometry::Pose2;
