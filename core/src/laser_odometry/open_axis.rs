@@ -1,9 +1,8 @@
 //! What is expected of the robot along an axis that the scene says little about, as in a bare corridor.
 //!
 //! The last step again would be what is left of an error: who set off or stopped where nothing told would stand, or go on, until the corridor
-//! ends. So the speed goes towards that at which the robot usually drives, while it goes straight on and what it sees changes. A robot that has
-//! always driven at about one speed goes on at that, whatever it sees: each match is drawn a little to what is known already, and with a fast
-//! laser's scans that would add up until it stands.
+//! ends. So the speed goes towards that at which the robot usually drives, while it goes straight on and what it sees changes, or while
+//! [`Pace`] says that it goes on evenly.
 
 use super::change::Change;
 use super::pace::Pace;
@@ -15,12 +14,12 @@ use crate::scan::RangeScan;
 const OPEN_BELOW: f32 = 0.05;
 /// The robot's usual speed is learned from matches that count at least so much along their weakest axis.
 const GAIN_MIN: f32 = 0.5;
-/// A robot goes backwards if a step is longer than this, m, …
-const DRIVING_M: f32 = 0.02;
-/// … and straight on if it turns by less than this, rad.
+/// A robot goes backwards if a step is longer than this, m.
+const BACKWARDS_M: f32 = 0.02;
+/// It goes straight on if a step turns by less than this, rad.
 const STRAIGHT_RAD: f32 = 0.03;
-/// It is this until the robot has driven, m/s.
-const PACE_MPS: f32 = 0.3;
+/// The usual speed until the robot has driven, m/s: a walk.
+const WALK_MPS: f32 = 0.3;
 /// Share of the way from the last step to the usual one that is gone in a step.
 const TOWARDS_USUAL: f32 = 0.2;
 /// Cosine of the angle to the robot's heading below which it drives along an axis …
@@ -68,7 +67,7 @@ impl OpenAxis {
         let is_driving = step.heading.abs() < STRAIGHT_RAD && moves;
         let expected = if axis.x > ALONG && is_driving {
             // Who goes backwards by a wrong match does not go on so.
-            let usual = if before < -DRIVING_M { 0.0 } else { self.usual_m(before) };
+            let usual = if before < -BACKWARDS_M { 0.0 } else { self.usual_m(before) };
             before + TOWARDS_USUAL * (usual - before)
         } else if axis.x < ACROSS {
             SIDEWAYS_LEFT * before
@@ -81,7 +80,7 @@ impl OpenAxis {
 
     /// The usual step; as long as it is not known, that of a walk, or the last one if that is longer.
     fn usual_m(&self, before: f32) -> f32 {
-        self.pace.step_m().unwrap_or(before.max(PACE_MPS * self.interval_s))
+        self.pace.step_m().unwrap_or(before.max(WALK_MPS * self.interval_s))
     }
 
     /// How the robot has driven, if it was expected to go on by `forecast` and is `step` away now: what tells the place on an axis at last may say

@@ -2,10 +2,9 @@
 //!
 //! Over 0.08 s at least. From one scan to the next of a fast laser a robot drives a centimetre, and a match is off by as much.
 //!
-//! Between bare walls each match is drawn a little to where the last one was, and the more scans there are, the more that adds up: with 37 a second
-//! a robot came down to half its speed in twenty seconds. So one that has always driven at about one speed goes on at that, if its laser is fast.
+//! Between bare walls each match is drawn a little to where the last one was, and the more scans there are, the more that adds up, until the
+//! robot creeps. So one that has always driven at about one speed goes on at that, if its laser is fast; so does one that stops there.
 
-use super::course::SLOW_S;
 use crate::geometry::Pose2;
 
 /// A step takes so long at least, s; a laser is fast if its scans are closer together. Chosen, as all that follow.
@@ -18,7 +17,9 @@ const STRAIGHT_RAD: f32 = 0.03;
 const KNOWN_FROM: f32 = 5.0;
 /// … and is the mean of so many at most.
 const LEARNED_MAX: f32 = 50.0;
-/// How even it is, is told by what is gone in half a second, from so many on: 10 s.
+/// How even it is, is told by what is gone in half a second, …
+const HALF_SECOND_S: f32 = 0.5;
+/// … from so many on.
 const EVEN_FROM: f32 = 20.0;
 /// It is even if it is off by less than this share of it.
 const UNEVEN: f32 = 0.15;
@@ -83,7 +84,7 @@ impl Pace {
             self.steps = (self.steps + 1.0).min(LEARNED_MAX);
             self.usual_m += (step_m - self.usual_m) / self.steps;
         }
-        if let Some(gone) = self.half_second.advance(step, is_told, interval_s, SLOW_S) {
+        if let Some(gone) = self.half_second.advance(step, is_told, interval_s, HALF_SECOND_S) {
             self.learn_how_even(&gone, interval_s);
         }
     }
