@@ -20,7 +20,9 @@ const KNOWN_FROM: f32 = 5.0;
 const LEARNED_MAX: f32 = 50.0;
 /// How even it is, is told by what is gone in half a second, …
 const HALF_SECOND_S: f32 = 0.5;
-/// … from so many on.
+/// … by so many scans at least: slower ones are not pulled back often …
+const SCANS_MIN: f32 = 2.0;
+/// … from so many half seconds on.
 const EVEN_FROM: f32 = 20.0;
 /// It is even if it is off by less than this share of it.
 const UNEVEN: f32 = 0.1;
@@ -106,6 +108,9 @@ impl Pace {
     }
 
     fn learn_how_even(&mut self, gone: &Stretch, changes: bool, interval_s: f32) {
+        if gone.scans < SCANS_MIN {
+            return;
+        }
         let now = gone.step_m();
         let [before, last] = self.last;
         self.last = [last, now];
@@ -164,7 +169,8 @@ mod tests {
 
     #[test]
     fn it_is_even_if_it_hardly_differs() {
-        for hertz in [2.0, 5.0, 10.0, 37.5, 75.0] {
+        assert_eq!(after_a_drive(2.0, 0.0, false).even_step_m(), None, "of slow scans nothing is said");
+        for hertz in [3.0, 5.0, 10.0, 37.5, 75.0] {
             let step_m = after_a_drive(hertz, 0.05, false).even_step_m().unwrap();
             assert!((step_m * hertz - 0.5).abs() < 0.02, "{hertz} scans a second: {} m/s", step_m * hertz);
             assert_eq!(after_a_drive(hertz, 0.2, false).even_step_m(), None, "{hertz}");
