@@ -5,7 +5,7 @@
 //! [`Pace`] says that it goes on evenly.
 
 use super::change::Change;
-use super::pace::Pace;
+use super::pace::{Pace, STRAIGHT_RAD};
 use crate::geometry::{Point2, Pose2};
 use crate::matcher::Match;
 use crate::scan::RangeScan;
@@ -16,8 +16,6 @@ const OPEN_BELOW: f32 = 0.05;
 const GAIN_MIN: f32 = 0.5;
 /// A robot goes backwards if a step is longer than this, m.
 const BACKWARDS_M: f32 = 0.02;
-/// It goes straight on if a step turns by less than this, rad.
-const STRAIGHT_RAD: f32 = 0.03;
 /// The usual speed until the robot has driven, m/s: a walk.
 const WALK_MPS: f32 = 0.3;
 /// Share of the way from the last step to the usual one that is gone in a step.

@@ -12,8 +12,8 @@ use crate::geometry::Pose2;
 const STEP_S: f32 = 0.08;
 /// A robot drives if a step is longer than this, m, …
 const DRIVES_M: f32 = 0.02;
-/// … and turns by less than this, rad.
-const STRAIGHT_RAD: f32 = 0.03;
+/// … and straight on if it turns by less than this, rad.
+pub(super) const STRAIGHT_RAD: f32 = 0.03;
 /// Its pace is known from so many steps on, …
 const KNOWN_FROM: f32 = 5.0;
 /// … and is the mean of so many at most.
@@ -26,8 +26,8 @@ const SCANS_MIN: f32 = 2.0;
 const EVEN_FROM: f32 = 20.0;
 /// It is even if it is off by less than this share of it.
 const UNEVEN: f32 = 0.1;
-/// A view that does not change says nothing if so it was in this share of what was driven: 0.33 to 0.7 between the walls of our simulator, 0.14
-/// at the most by Intel and ACES, cut at 4 m, too.
+/// A view that does not change says nothing if so it was in this share of what was driven: more than on Intel and ACES, cut at 4 m, too, and
+/// less than between the bare walls of our simulator.
 const UNCHANGED_FROM: f32 = 0.2;
 /// That share is the mean of so many half seconds at most.
 const UNCHANGED_MAX: f32 = 200.0;
