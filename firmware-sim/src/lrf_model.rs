@@ -228,7 +228,9 @@ impl RangeMeter {
         let half = self.errors.beam_deg.to_radians() / 2.0;
         let border = [-half, half].map(|aside| scene.range_m(at, bearing_rad + aside));
         let [Some(a), Some(b)] = border else { return border[0].or(border[1]).or(middle) };
-        if (a - b).abs() < EDGE_M {
+        // A wall seen at a slant is no edge, however far apart its two borders are.
+        let flat_m = 2.0 * half.cos() * a * b / (a + b);
+        if (a - b).abs() < EDGE_M || middle.is_some_and(|middle| (middle - flat_m).abs() < EDGE_M / 2.0) {
             return middle;
         }
         if !self.happens(self.errors.mixed) {
@@ -352,6 +354,28 @@ mod tests {
         assert!((1800..2200).contains(&mixed), "{mixed}");
         let beside = meter.measure(&Edge { behind_m: 4.0 }, Instant::default(), 0.01);
         assert_eq!(beside, Reading::Range(4.0));
+    }
+
+    /// A wall beside the robot, 1 m to its left, without end.
+    struct Slant;
+
+    impl Scene for Slant {
+        fn range_m(&self, _: Instant, bearing_rad: f64) -> Option<f64> {
+            (bearing_rad > 0.0).then(|| 1.0 / bearing_rad.sin())
+        }
+    }
+
+    #[test]
+    fn a_wall_seen_at_a_slant_is_no_edge() {
+        let errors = LrfErrors { beam_deg: 0.5, mixed: 0.5, ..LrfErrors::NONE };
+        let mut meter = RangeMeter::new(errors, 9);
+        for range_m in [1.5, 5.0, 10.0, 20.0, 40.0_f64] {
+            let bearing_rad = (1.0 / range_m).asin();
+            for _ in 0..100 {
+                let Reading::Range(seen_m) = meter.measure(&Slant, Instant::default(), bearing_rad) else { panic!() };
+                assert!((seen_m - range_m).abs() < 1e-9, "{seen_m}, not {range_m}");
+            }
+        }
     }
 
     #[test]

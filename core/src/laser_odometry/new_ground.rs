@@ -33,7 +33,7 @@ impl LaserOdometry<'_> {
 
     /// True if the reference or a witness says what is to be expected of a ray from `eye` to `hit` (map).
     fn is_known(&self, eye: Point2, hit: Point2, outlines: &[Outline<'_>]) -> bool {
-        self.ndt.worth_at(hit).is_some()
+        self.ndt.is_seen_at(hit)
             || self.ndt.stands_between(eye, hit)
             || witnesses::say(hit, outlines) != Testimony::None
     }

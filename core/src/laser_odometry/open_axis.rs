@@ -13,7 +13,7 @@ use crate::scan::RangeScan;
 /// The scene says little about an axis if the constraint is less than this. Chosen, as all that follow.
 const OPEN_BELOW: f32 = 0.05;
 /// The robot's usual speed is learned from matches that count at least so much along their weakest axis.
-const GAIN_MIN: f32 = 0.5;
+const GAIN_MIN: f32 = 0.3;
 /// A robot goes backwards if a step is longer than this, m.
 const BACKWARDS_M: f32 = 0.02;
 /// The usual speed until the robot has driven, m/s: a walk.
@@ -76,10 +76,11 @@ impl OpenAxis {
         Pose2 { x: step.x + more * axis.x, y: step.y + more * axis.y, ..step }
     }
 
-    /// The usual step; as long as it is not known, that of a walk, or the last one if that is longer.
+    /// The usual step; as long as it is not known, that of a walk. Who is hardly known, and faster, goes on so.
     fn usual_m(&self, before: f32) -> f32 {
         let known = self.pace.even_step_m().or_else(|| self.pace.step_m());
-        known.unwrap_or(before.max(WALK_MPS * self.interval_s))
+        let usual = known.unwrap_or(WALK_MPS * self.interval_s);
+        if self.pace.is_new() { usual.max(before) } else { usual }
     }
 
     /// How the robot has driven, if it was expected to go on by `forecast` and is `step` away now: what tells the place on an axis at last may say
@@ -117,7 +118,7 @@ mod tests {
         for scan in 0..20 {
             look(&mut open, scan, 0.2, 2.0 + if changes { 0.1 * (scan % 2) as f32 } else { 0.0 });
         }
-        (0..30).for_each(|_| open.advance(Pose2::new(0.1, 0.0, 0.0), &matched(0.3, 1.0)));
+        (0..60).for_each(|_| open.advance(Pose2::new(0.1, 0.0, 0.0), &matched(0.3, 1.0)));
         open.advance(Pose2::IDENTITY, &matched(0.01, 0.0));
         open
     }
@@ -181,6 +182,19 @@ mod tests {
         assert!((step.x - 0.06).abs() < 0.002, "0.3 m/s, five scans a second: {step:?}");
         let fast = Pose2::new(0.2, 0.0, 0.0);
         assert_eq!(drives(&open, fast, 30), fast);
+    }
+
+    /// It has set off slowly where the scene told, then driven faster between bare walls.
+    #[test]
+    fn who_is_hardly_known_does_not_slow_down_to_what_is_known() {
+        let mut open = OpenAxis { pace: Pace::default(), ..after_a_drive(AHEAD, true) };
+        for (scans, usual_m) in [(10, 0.2), (60, 0.05)] {
+            let told = Match { constraint: 0.3, gain: 1.0, weakest_axis: AHEAD, ..Match::none(Pose2::IDENTITY) };
+            (0..scans).for_each(|_| open.advance(Pose2::new(0.05, 0.0, 0.0), &told));
+            open.advance(Pose2::IDENTITY, &Match { constraint: 0.01, gain: 0.0, ..told });
+            let step = drives(&open, Pose2::new(0.2, 0.0, 0.0), 30);
+            assert!((step.x - usual_m).abs() < 0.002, "after {scans} scans: {step:?}");
+        }
     }
 
     #[test]

@@ -134,6 +134,11 @@ impl Pace {
         (self.steps >= KNOWN_FROM).then_some(self.usual_m)
     }
 
+    /// Its usual speed may be that of a few steps that were not usual.
+    pub(super) fn is_new(&self) -> bool {
+        self.even_step_m().is_none() && self.steps < LEARNED_MAX
+    }
+
     /// The same of a robot that drives on whatever it sees: it has always driven at about one speed, often with a view that did not change, and
     /// drove when the scene last told.
     pub(super) fn even_step_m(&self) -> Option<f32> {

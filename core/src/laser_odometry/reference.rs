@@ -90,7 +90,7 @@ impl LaserOdometry<'_> {
             return Ok(self.ndt.insert(hits, map_from_scan).dropped);
         }
         let hits = hits.len();
-        Ok(self.extend_map(Taken::new(&sweep.scan, sweep.robot_from_lrf, map_from_scan), (points, hits)).dropped)
+        Ok(self.extend_map(Taken::new(&sweep.scan, sweep.robot_from_lrf, map_from_scan), (points, hits), false).dropped)
     }
 
     /// Cells of the reference that count now stay as they are; see [`NdtGrid::freeze`](crate::ndt::NdtGrid::freeze). For a robot in a map that shall not change.
@@ -124,10 +124,11 @@ impl LaserOdometry<'_> {
     /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.
     pub(super) fn extend(&mut self, taken: Taken, (points, hits): (usize, usize)) -> InsertReport {
         let map_from_robot = taken.map_from_robot;
+        let stands = self.scans > 0 && !self.is_key(map_from_robot);
         self.way_m += self.map_from_key.between(map_from_robot).position().norm();
         self.map_from_key = map_from_robot;
         if self.config.odometry.reference == Reference::WholeMap {
-            return self.extend_map(taken, (points, hits));
+            return self.extend_map(taken, (points, hits), stands);
         }
         self.let_go_behind();
         let reference = self.config.odometry.reference;
@@ -159,8 +160,10 @@ impl LaserOdometry<'_> {
     }
 
     /// The same for the whole map: what moves is not map.
+    ///
+    /// * `stands` — it was taken where the last one was
     #[cfg(feature = "witnesses")]
-    pub(super) fn extend_map(&mut self, taken: Taken, (points, hits): (usize, usize)) -> InsertReport {
+    pub(super) fn extend_map(&mut self, taken: Taken, (points, hits): (usize, usize), stands: bool) -> InsertReport {
         let points = self.points.get(..points).unwrap_or_default();
         let hits = self.hits.get_mut(..hits).unwrap_or_default();
         let Self { ndt, key_points, key_scans, .. } = self;
@@ -177,22 +180,33 @@ impl LaserOdometry<'_> {
         if is_due && let Some((witness, memory)) = next_slot(key_scans, key_points, &mut self.key_count) {
             witness.keep(memory, points, taken);
         }
-        draw(ndt, hits, taken.map_from_robot)
+        draw(ndt, hits, taken.map_from_robot, stands)
     }
 
     /// The same for the whole map: all that is seen.
     #[cfg(not(feature = "witnesses"))]
-    pub(super) fn extend_map(&mut self, taken: Taken, (_, hits): (usize, usize)) -> InsertReport {
-        draw(&mut self.ndt, self.hits.get(..hits).unwrap_or_default(), taken.map_from_robot)
+    pub(super) fn extend_map(&mut self, taken: Taken, (_, hits): (usize, usize), stands: bool) -> InsertReport {
+        draw(&mut self.ndt, self.hits.get(..hits).unwrap_or_default(), taken.map_from_robot, stands)
     }
 }
 
-/// Draws hits, and the walls between them, in the map.
-fn draw(ndt: &mut NdtGrid<'_>, hits: &[Point2], map_from_robot: Pose2) -> InsertReport {
-    let inserted = ndt.insert(hits, map_from_robot);
+/// Draws hits, and the walls between and beside them, in the map.
+///
+/// * `stands` — it was done from there before: of a wall that a beam meets at one place only, too much of that place would be seen
+fn draw(ndt: &mut NdtGrid<'_>, hits: &[Point2], map_from_robot: Pose2, stands: bool) -> InsertReport {
+    let mut inserted = InsertReport::default();
+    let mut insert = |hits: &[Point2]| inserted += ndt.insert(hits, map_from_robot);
+    if stands {
+        walls::near(hits, &mut insert)
+    } else {
+        insert(hits)
+    }
     walls::between(hits, |wall| {
         ndt.insert(wall, map_from_robot);
     });
+    if !stands {
+        walls::beside(hits, |wall| ndt.fill(wall, map_from_robot));
+    }
     inserted
 }
 

@@ -8,16 +8,16 @@ use crate::math::{exp2_neg, floor};
 const UNITS_PER_CELL: f32 = 256.0;
 /// The same for a mean: a cell is all of an `i16`.
 const MEAN_UNITS_PER_CELL: f32 = 65_536.0;
-/// Bit of a cell's count that says that the cell stays as it is.
-const FROZEN: u16 = 1 << 15;
+/// Bit of the number of points seen in a cell that says that the cell stays as it is.
+const FROZEN: u8 = 1 << 7;
 /// −½ log₂ e: turns a squared Mahalanobis distance into the exponent of a power of two.
 const MINUS_HALF_LOG2_E: f32 = -0.5 * core::f32::consts::LOG2_E;
 /// Points that a cell needs before it counts. Source: thesis 2.3.3.
-pub(super) const POINTS_MIN: u16 = 3;
+pub(super) const POINTS_MIN: u8 = 3;
 /// Points at which a cell's sums are halved, so that old evidence fades: 255 points half a cell from its centre would fill a sum.
-const COUNT_MAX: u16 = 240;
+const COUNT_MAX: u8 = 240;
 /// What a ray that goes through a cell takes away: a point, and one of so many. Chosen.
-const WEAKEN_SHARE: u16 = 32;
+const WEAKEN_SHARE: u8 = 32;
 /// The smaller eigenvalue of a covariance is at least this share of the larger. Source: Biber & Straßer 2003.
 const EIGENVALUE_RATIO_MIN: f32 = 0.001;
 /// An axis of a distribution with this standard deviation, or less, says all about its direction that an axis can, m.
@@ -45,6 +45,17 @@ impl Int24 {
     }
 }
 
+/// What becomes of a point in a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Change {
+    /// It was seen.
+    Add,
+    /// It is supposed: added as long as the cell [was not seen](CellSums::is_seen). Else those beside far hits would weigh more than the hits.
+    Fill,
+    /// It was added, and goes.
+    Remove,
+}
+
 /// A point in a cell, in units from its centre.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CellOffset {
@@ -62,7 +73,9 @@ impl CellOffset {
 /// Running sums of the points in one cell, as fixed-point offsets from its centre: 16 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct CellSums {
-    count: u16,
+    count: u8,
+    /// Of these were seen, [`POINTS_MIN`] at most, and [`FROZEN`].
+    seen: u8,
     x: i16,
     y: i16,
     xx: Int24,
@@ -71,20 +84,29 @@ pub(super) struct CellSums {
 }
 
 impl CellSums {
-    pub(super) const EMPTY: Self = Self { count: 0, x: 0, y: 0, xx: Int24::ZERO, xy: Int24::ZERO, yy: Int24::ZERO };
+    pub(super) const EMPTY: Self =
+        Self { count: 0, seen: 0, x: 0, y: 0, xx: Int24::ZERO, xy: Int24::ZERO, yy: Int24::ZERO };
 
-    /// Adds (`sign` 1) or removes (−1) a point.
+    /// Adds or removes a point. Halves the evidence once it has reached [`COUNT_MAX`] points.
     ///
     /// Offsets are at most 129 units, so that 240 of them stay below 2¹⁵ and 240 squares below 2²³.
-    pub(super) fn update(&mut self, CellOffset { x, y }: CellOffset, sign: i16) {
+    pub(super) fn update(&mut self, CellOffset { x, y }: CellOffset, change: Change) {
+        match change {
+            Change::Add => self.seen = self.seen.saturating_add(1).min(POINTS_MIN),
+            Change::Fill if self.is_seen() => return,
+            Change::Fill | Change::Remove => {}
+        }
+        let sign: i8 = if change == Change::Remove { -1 } else { 1 };
         self.count = self.count.saturating_add_signed(sign);
+        self.seen = self.seen.min(self.count);
         for (sum, term) in [(&mut self.x, x), (&mut self.y, y)] {
-            *sum = sum.wrapping_add((term as i16).wrapping_mul(sign));
+            *sum = sum.wrapping_add((term as i16).wrapping_mul(i16::from(sign)));
         }
         let products = [x.wrapping_mul(x), x.wrapping_mul(y), y.wrapping_mul(y)];
         for (sum, term) in [&mut self.xx, &mut self.xy, &mut self.yy].into_iter().zip(products) {
             *sum = Int24::of(sum.get().wrapping_add(term.wrapping_mul(i32::from(sign))));
         }
+        self.fade();
     }
 
     /// True if no point is in it.
@@ -92,20 +114,24 @@ impl CellSums {
         self.count == 0
     }
 
+    /// True if it counts, and would without what is supposed.
+    pub(super) fn is_seen(&self) -> bool {
+        self.seen & !FROZEN >= POINTS_MIN
+    }
+
     /// From now on no point is added or removed, if there are [`POINTS_MIN`].
     pub(super) fn freeze(&mut self) {
         if self.count >= POINTS_MIN {
-            self.count |= FROZEN;
+            self.seen |= FROZEN;
         }
     }
 
     /// True if no point may be added or removed.
     pub(super) fn is_frozen(&self) -> bool {
-        self.count & FROZEN != 0
+        self.seen & FROZEN != 0
     }
 
-    /// Halves the evidence once it has reached [`COUNT_MAX`] points.
-    pub(super) fn fade(&mut self) {
+    fn fade(&mut self) {
         if self.count >= COUNT_MAX {
             self.count /= 2;
             (self.x, self.y) = (self.x / 2, self.y / 2);
@@ -120,7 +146,7 @@ impl CellSums {
         let left = self.count.saturating_sub(1 + self.count / WEAKEN_SHARE);
         let share = f32::from(left) / f32::from(self.count.max(1));
         let part = |sum: i32| floor(sum as f32 * share + 0.5);
-        self.count = left;
+        (self.count, self.seen) = (left, self.seen.min(left));
         (self.x, self.y) = (part(i32::from(self.x)) as i16, part(i32::from(self.y)) as i16);
         for sum in [&mut self.xx, &mut self.xy, &mut self.yy] {
             *sum = Int24::of(part(sum.get()));

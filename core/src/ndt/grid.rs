@@ -1,6 +1,6 @@
 //! The plane of cells: tiles, their directory, insertion and removal.
 
-use super::cell::{CellOffset, CellSums, Gaussian};
+use super::cell::{CellOffset, CellSums, Change, Gaussian};
 use super::tile::{DirectoryEntry, InsertReport, NdtMemoryError, NdtTile, Place, TILE_CELLS, TILE_SHIFT};
 use super::{GRIDS_MAX, NdtConfig};
 use crate::facing::Planes;
@@ -120,16 +120,21 @@ impl<'m> NdtGrid<'m> {
     /// that came first in the pool. A point farther than all tiles is counted and left out. Cost then: the pool is looked through once for each tile
     /// that is forgotten.
     pub fn insert(&mut self, points: &[Point2], map_from_robot: Pose2) -> InsertReport {
-        self.update(points, map_from_robot, 1)
+        self.update(points, map_from_robot, Change::Add)
+    }
+
+    /// Adds `points` that nobody has seen, to cells that have few.
+    pub(crate) fn fill(&mut self, points: &[Point2], map_from_robot: Pose2) {
+        self.update(points, map_from_robot, Change::Fill);
     }
 
     /// Takes back what [`insert`](Self::insert) added with the same arguments; exact unless a cell was halved, or forgotten, in between.
     /// Tiles left without points return to the pool.
     pub fn remove(&mut self, points: &[Point2], map_from_robot: Pose2) {
-        self.update(points, map_from_robot, -1);
+        self.update(points, map_from_robot, Change::Remove);
     }
 
-    fn update(&mut self, points: &[Point2], map_from_robot: Pose2, sign: i16) -> InsertReport {
+    fn update(&mut self, points: &[Point2], map_from_robot: Pose2, change: Change) -> InsertReport {
         let mut report = InsertReport::default();
         let evicted_before = self.evicted;
         self.farthest = f32::INFINITY;
@@ -142,7 +147,7 @@ impl<'m> NdtGrid<'m> {
             let drawn = self.planes.drawn(point.facing, map_from_robot.heading);
             for (layer, stale) in (0..self.layers).zip(&mut stale) {
                 report.dropped += if in_reach {
-                    self.update_layer((in_map, layer, drawn), sign, robot, stale)
+                    self.update_layer((in_map, layer, drawn), change, robot, stale)
                 } else {
                     drawn.count_ones()
                 };
@@ -159,7 +164,7 @@ impl<'m> NdtGrid<'m> {
     fn update_layer(
         &mut self,
         (in_map, layer, drawn): (Point2, u32, u32),
-        sign: i16,
+        change: Change,
         robot: Point2,
         stale: &mut Option<(Place, u32)>,
     ) -> u32 {
@@ -178,11 +183,8 @@ impl<'m> NdtGrid<'m> {
         *stale = Some((first, since | drawn));
         let mut dropped = 0;
         for place in first.in_planes(drawn) {
-            let index = if sign > 0 { self.tile_for(place, robot) } else { self.tile_at(place) };
-            let is_kept = self.change_in(index, place, |sums| {
-                sums.update(offset, sign);
-                sums.fade();
-            });
+            let index = if change == Change::Remove { self.tile_at(place) } else { self.tile_for(place, robot) };
+            let is_kept = self.change_in(index, place, |sums| sums.update(offset, change));
             dropped += u32::from(!is_kept);
         }
         dropped

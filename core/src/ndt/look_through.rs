@@ -9,9 +9,13 @@
 
 use super::cell::{CellSums, Gaussian};
 use super::grid::{NdtGrid, rotate_translate};
+#[cfg(feature = "witnesses")]
+use super::tile::NdtTile;
 use super::tile::Place;
 use crate::geometry::{Point2, Pose2};
 use crate::grid::{CellIndex, cells_on_ray};
+#[cfg(feature = "witnesses")]
+use crate::math::floor;
 use crate::math::{hypot, sin_cos};
 
 /// Squared Mahalanobis distance from the mean below which a ray goes through a distribution: half of its density. Chosen.
@@ -79,13 +83,34 @@ impl NdtGrid<'_> {
         through
     }
 
-    /// True if a ray from `eye` to `hit`, both in the map, would have to go through what stands there.
+    /// True if somebody has seen something at a place of the map, or so near that a cell of it reaches there.
+    #[cfg(feature = "witnesses")]
+    pub(crate) fn is_seen_at(&self, in_map: Point2) -> bool {
+        (0..self.layers()).any(|layer| {
+            let (u, v) = self.cell_coordinates(in_map, layer);
+            self.planes_seen(self.place(floor(u), floor(v), layer, 0)) != 0
+        })
+    }
+
+    /// Those planes, as bits, where a cell holds what was seen.
+    #[cfg(feature = "witnesses")]
+    fn planes_seen(&self, first: Place) -> u32 {
+        let is_seen = |tile: &NdtTile| tile.sums.get(first.cell as usize).is_some_and(CellSums::is_seen);
+        self.tiles_at(first)
+            .enumerate()
+            .fold(0, |seen, (plane, tile)| seen | (u32::from(tile.is_some_and(is_seen)) << plane))
+    }
+
+    /// True if a ray from `eye` to `hit`, both in the map, would have to go through what was seen there.
     #[cfg(feature = "witnesses")]
     pub(crate) fn stands_between(&self, eye: Point2, hit: Point2) -> bool {
         let [eye, hit] = [eye, hit].map(|point| self.cell_coordinates(point, 0)).map(|(u, v)| Point2::new(u, v));
         let Some(ray) = Ray::new(eye, hit, self.config().cell_size_m) else { return false };
-        let is_through =
-            |cell: CellIndex| self.planes_through(&ray, self.place(cell.column, cell.row, 0, 0), cell) != 0;
+        let is_through = |cell: CellIndex| {
+            let first = self.place(cell.column, cell.row, 0, 0);
+            let through = self.planes_through(&ray, first, cell);
+            through != 0 && through & self.planes_seen(first) != 0
+        };
         cells_on_ray(eye, hit, 1.0).any(is_through)
     }
 }
@@ -167,6 +192,24 @@ mod tests {
         let wall = line((4.0, -2.0), (4.0, 2.0), 81);
         let (before, after) = after_looking(&somebody, &wall, 40);
         assert!(before > 10.0 && after < 0.5, "{before} {after}");
+    }
+
+    /// Three points beside one that was seen make a cell; three that were seen make known ground.
+    #[cfg(feature = "witnesses")]
+    #[test]
+    fn what_is_supposed_is_no_known_ground_and_no_wall_before_it() {
+        let mut directory = vec![DirectoryEntry::EMPTY; NdtConfig::default().directories() * 64 * 64];
+        let mut tiles = vec![NdtTile::EMPTY; 4000];
+        let mut grid = NdtGrid::new(&NdtConfig::default(), &mut directory, &mut tiles).unwrap();
+        let [eye, wall, behind] = [0.0, 2.1, 6.0].map(|x| Point2::new(x, 0.1));
+        grid.insert(&[wall], Pose2::IDENTITY);
+        grid.fill(&line((2.1, 0.0), (2.1, 0.2), 3), Pose2::IDENTITY);
+        assert!(grid.score(&[wall], Pose2::IDENTITY) > 0.5);
+        assert!(!grid.is_seen_at(wall) && !grid.stands_between(eye, behind));
+        (0..2).for_each(|_| {
+            grid.insert(&[wall], Pose2::IDENTITY);
+        });
+        assert!(grid.is_seen_at(wall) && grid.stands_between(eye, behind));
     }
 
     /// However flat the rays meet it.

@@ -79,3 +79,10 @@ pub struct InsertReport {
     /// Tiles forgotten because a place nearer to the robot needed their memory, or their place in the directory.
     pub evicted: u32,
 }
+
+impl core::ops::AddAssign for InsertReport {
+    fn add_assign(&mut self, other: Self) {
+        self.dropped += other.dropped;
+        self.evicted += other.evicted;
+    }
+}
