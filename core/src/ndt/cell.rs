@@ -50,7 +50,8 @@ impl Int24 {
 pub(super) enum Change {
     /// It was seen.
     Add,
-    /// It is supposed: added as long as the cell [was not seen](CellSums::is_seen). Else those beside far hits would weigh more than the hits.
+    /// It is supposed: added as long as fewer than [`POINTS_MIN`] were seen in the cell. Else those beside far hits would weigh more than the hits, and
+    /// what rays have worn off would come back.
     Fill,
     /// It was added, and goes.
     Remove,
@@ -74,7 +75,7 @@ impl CellOffset {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct CellSums {
     count: u8,
-    /// Of these were seen, [`POINTS_MIN`] at most, and [`FROZEN`].
+    /// So many were seen, [`POINTS_MIN`] at most, and [`FROZEN`].
     seen: u8,
     x: i16,
     y: i16,
@@ -93,12 +94,11 @@ impl CellSums {
     pub(super) fn update(&mut self, CellOffset { x, y }: CellOffset, change: Change) {
         match change {
             Change::Add => self.seen = self.seen.saturating_add(1).min(POINTS_MIN),
-            Change::Fill if self.is_seen() => return,
+            Change::Fill if self.seen >= POINTS_MIN => return,
             Change::Fill | Change::Remove => {}
         }
         let sign: i8 = if change == Change::Remove { -1 } else { 1 };
         self.count = self.count.saturating_add_signed(sign);
-        self.seen = self.seen.min(self.count);
         for (sum, term) in [(&mut self.x, x), (&mut self.y, y)] {
             *sum = sum.wrapping_add((term as i16).wrapping_mul(i16::from(sign)));
         }
@@ -115,8 +115,9 @@ impl CellSums {
     }
 
     /// True if it counts, and would without what is supposed.
+    #[cfg(feature = "witnesses")]
     pub(super) fn is_seen(&self) -> bool {
-        self.seen & !FROZEN >= POINTS_MIN
+        self.count >= POINTS_MIN && self.seen & !FROZEN >= POINTS_MIN
     }
 
     /// From now on no point is added or removed, if there are [`POINTS_MIN`].
@@ -146,7 +147,7 @@ impl CellSums {
         let left = self.count.saturating_sub(1 + self.count / WEAKEN_SHARE);
         let share = f32::from(left) / f32::from(self.count.max(1));
         let part = |sum: i32| floor(sum as f32 * share + 0.5);
-        (self.count, self.seen) = (left, self.seen.min(left));
+        self.count = left;
         (self.x, self.y) = (part(i32::from(self.x)) as i16, part(i32::from(self.y)) as i16);
         for sum in [&mut self.xx, &mut self.xy, &mut self.yy] {
             *sum = Int24::of(part(sum.get()));

@@ -14,7 +14,7 @@ use lrfslam_host::runs::map::{MapRun, RunMemory};
 use lrfslam_host::scans::log::{LogReader, LogScan};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
 use lrfslam_lab::evaluation::{RelationReport, TruthReport, evaluate_relations, evaluate_truth, read_relations};
-use lrfslam_lab::experiment::{ENVELOPE_ROWS, run_envelope};
+use lrfslam_lab::experiment::{Degradation, run_envelope};
 
 use crate::common::{mapped, real_data};
 
@@ -220,8 +220,8 @@ fn a_map_contradicts_itself_only_if_parts_of_it_are_displaced() {
     }
 }
 
-/// Logs with nothing wrong drift as expected; with every 8th beam a path drifts farther, matched in one plane of cells. Row `off-beams-8`, seed 5: 0.049 m,
-/// 1.9 times as far. Believed as far as it says, it was 0.26 m off: closures that are right were refuted, and others not looked for.
+/// Logs with nothing wrong drift as expected; with every 9th beam a path drifts farther, matched in one plane of cells. Seed 1: 0.053 m, 1.7 times as
+/// far. Believed as far as it says, it is 0.050 m off: it is told, and no more hangs on it here.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn a_path_of_few_beams_is_believed_less() {
@@ -235,7 +235,7 @@ fn a_path_of_few_beams_is_believed_less() {
     let mut config = RunConfig::default();
     config.ndt.facings = 1;
     let scans: Vec<LogScan> = LogReader::open(&log, config.log_options()).unwrap().collect::<Result<_, _>>().unwrap();
-    let row = ENVELOPE_ROWS.into_iter().find(|row| row.0 == "beams-8").unwrap();
+    let row = ("beams-9", Degradation::Beams(9));
     let (mut drift_ratio, place) = (None, (&config.mapping(), config.robot_from_lrf()));
     let results = |map: &mut MapRun<'_>| {
         let quality = map.quality();
@@ -243,7 +243,7 @@ fn a_path_of_few_beams_is_believed_less() {
         Ok(quality)
     };
     let relations = read_relations(&relations).unwrap();
-    let run = run_envelope(place, row, 5, &scans, &relations, results).unwrap().unwrap();
+    let run = run_envelope(place, row, 1, &scans, &relations, results).unwrap().unwrap();
     println!("{run:?} {drift_ratio:?}");
     assert!(run.mean_m < 0.083 && drift_ratio > Some(1.2), "{run:?} {drift_ratio:?}");
 }
