@@ -14,7 +14,7 @@ use lrfslam_host::runs::map::{MapRun, RunMemory};
 use lrfslam_host::scans::log::{LogReader, LogScan};
 use lrfslam_host::trajectory::{TimedPose, read_trajectory};
 use lrfslam_lab::evaluation::{RelationReport, TruthReport, evaluate_relations, evaluate_truth, read_relations};
-use lrfslam_lab::experiment::{Degradation, run_envelope};
+use lrfslam_lab::experiment::{ENVELOPE_ROWS, run_envelope};
 
 use crate::common::{mapped, real_data};
 
@@ -111,22 +111,22 @@ fn check_aces(levels: u16, relations: &RelationBounds, gmapping: &PathBounds) {
     gmapping.check(&format!("aces against GMapping, levels {levels}"), &report);
 }
 
-/// Seeds 1 to 5: 0.0041, 0.0038, 0.0040, 0.0036, 0.0036 m; at the worst 0.0129 m. It was ten times as much when walls were matched with their other sides.
+/// Seeds 1 to 5: 0.0039, 0.0035, 0.0041, 0.0042, 0.0039 m; at the worst 0.0171 m. It was ten times as much when walls were matched with their other sides.
 #[test]
 fn floor_by_matching_alone() {
-    check_floor(0, &PathBounds { rmse_m: 0.0048, worst_m: 0.0199 });
+    check_floor(0, &PathBounds { rmse_m: 0.0048, worst_m: 0.0185 });
 }
 
-/// Seeds 1 to 5: 0.0043, 0.0038, 0.0039, 0.0037, 0.0035 m; at the worst 0.0150 m.
+/// Seeds 1 to 5: 0.0039, 0.0036, 0.0041, 0.0042, 0.0038 m; at the worst 0.0206 m.
 #[test]
 fn floor_by_particles() {
     check_floor(1, &PathBounds { rmse_m: 0.0047, worst_m: 0.0166 });
 }
 
-/// Seeds 1 to 5: 0.0043, 0.0041, 0.0041, 0.0040, 0.0042 m; at the worst 0.0137 m.
+/// Seeds 1 to 5: 0.0048, 0.0043, 0.0044, 0.0037, 0.0037 m; at the worst 0.0150 m.
 #[test]
 fn floor_with_loops_closed() {
-    check_floor(2, &PathBounds { rmse_m: 0.0116, worst_m: 0.0353 });
+    check_floor(2, &PathBounds { rmse_m: 0.0052, worst_m: 0.0165 });
 }
 
 /// Seeds 1 to 5: 0.0171, 0.0173, 0.0173, 0.0163, 0.0172 m, at the worst 0.38 m, 0.7 to 1.0 %.
@@ -220,11 +220,12 @@ fn a_map_contradicts_itself_only_if_parts_of_it_are_displaced() {
     }
 }
 
-/// Logs with nothing wrong drift as expected; with every 9th beam a path drifts farther, matched in one plane of cells. Seed 1: 0.053 m, 1.7 times as
-/// far. Believed as far as it says, it is 0.050 m off: it is told, and no more hangs on it here.
+/// Logs with nothing wrong drift as expected. With every 8th beam, matched in one plane of cells, seeds 1 to 8 are 0.036, 0.030, 0.036, 0.038, 0.026,
+/// 0.039, 0.035 and 0.029 m off, and none drifts farther than it says. Hits far apart were spots once: it drifted 1.9 times as far with seed 5.
+/// That such a path is believed less, `mapping/high/tests.rs` has.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
-fn a_path_of_few_beams_is_believed_less() {
+fn a_path_drifts_as_it_says_with_few_beams_too() {
     let (log, relations) = ("logs/intel.log.gz", "logs/intel.relations.gz");
     for log in [log, "logs/aces.clf.gz"] {
         let Some(folder) = mapped(log) else { return };
@@ -235,7 +236,7 @@ fn a_path_of_few_beams_is_believed_less() {
     let mut config = RunConfig::default();
     config.ndt.facings = 1;
     let scans: Vec<LogScan> = LogReader::open(&log, config.log_options()).unwrap().collect::<Result<_, _>>().unwrap();
-    let row = ("beams-9", Degradation::Beams(9));
+    let row = ENVELOPE_ROWS.into_iter().find(|row| row.0 == "beams-8").unwrap();
     let (mut drift_ratio, place) = (None, (&config.mapping(), config.robot_from_lrf()));
     let results = |map: &mut MapRun<'_>| {
         let quality = map.quality();
@@ -243,7 +244,7 @@ fn a_path_of_few_beams_is_believed_less() {
         Ok(quality)
     };
     let relations = read_relations(&relations).unwrap();
-    let run = run_envelope(place, row, 1, &scans, &relations, results).unwrap().unwrap();
+    let run = run_envelope(place, row, 5, &scans, &relations, results).unwrap().unwrap();
     println!("{run:?} {drift_ratio:?}");
-    assert!(run.mean_m < 0.083 && drift_ratio > Some(1.2), "{run:?} {drift_ratio:?}");
+    assert!(run.mean_m < 0.047 && drift_ratio < Some(1.2), "{run:?} {drift_ratio:?}");
 }

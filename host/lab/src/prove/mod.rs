@@ -139,7 +139,7 @@ mod tests {
     fn choice_says_how_many_seeds_a_row_gets() {
         let plan = Plan::built_in().unwrap();
         let row = |id: &str| plan.rows().find(|(_, row)| row.id == id).unwrap().1.clone();
-        let (floor, intel, sweep) = (row("floor"), row("intel"), row("lrf-noise-loop"));
+        let (floor, intel, sweep) = (row("floor-1"), row("intel"), row("lrf-noise-loop"));
         let of = |choice: &Choice| [choice.seeds(&floor), choice.seeds(&intel), choice.seeds(&sweep)];
         assert_eq!(of(&Choice::default()), [5, 5, 1]);
         assert_eq!(of(&Choice { seeds: Some(7), ..Choice::default() }), [7, 7, 1], "a sweep has seeds of its own");
