@@ -123,7 +123,7 @@ impl<'m> NdtGrid<'m> {
         self.update(points, map_from_robot, Change::Add)
     }
 
-    /// Adds `points` that nobody has seen, to cells that have few.
+    /// Adds `points` that nobody has seen, to cells in which few were seen.
     pub(crate) fn fill(&mut self, points: &[Point2], map_from_robot: Pose2) {
         self.update(points, map_from_robot, Change::Fill);
     }

@@ -221,7 +221,7 @@ fn a_map_contradicts_itself_only_if_parts_of_it_are_displaced() {
 }
 
 /// Logs with nothing wrong drift as expected. With every 8th beam, matched in one plane of cells, seeds 1 to 8 are 0.036, 0.030, 0.036, 0.038, 0.026,
-/// 0.039, 0.035 and 0.029 m off, and none drifts farther than it says. Hits far apart were spots once: it drifted 1.9 times as far with seed 5.
+/// 0.039, 0.035 and 0.029 m off, and no run says that it drifts farther. Hits far apart were spots once: it drifted 1.9 times as far with seed 5.
 /// That such a path is believed less, `mapping/high/tests.rs` has.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
@@ -246,5 +246,5 @@ fn a_path_drifts_as_it_says_with_few_beams_too() {
     let relations = read_relations(&relations).unwrap();
     let run = run_envelope(place, row, 5, &scans, &relations, results).unwrap().unwrap();
     println!("{run:?} {drift_ratio:?}");
-    assert!(run.mean_m < 0.047 && drift_ratio < Some(1.2), "{run:?} {drift_ratio:?}");
+    assert!(run.mean_m < 0.047 && drift_ratio.is_some_and(|ratio| ratio < 1.2), "{run:?} {drift_ratio:?}");
 }
