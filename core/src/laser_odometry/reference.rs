@@ -124,7 +124,8 @@ impl LaserOdometry<'_> {
     /// Puts the current scan into the reference, and takes the oldest out where the reference is a few scans only.
     pub(super) fn extend(&mut self, taken: Taken, (points, hits): (usize, usize)) -> InsertReport {
         let map_from_robot = taken.map_from_robot;
-        let stands = !self.is_key(map_from_robot);
+        // What a reference begins with is drawn as it is: else who sees far hits alone would have nothing to be matched with.
+        let stands = self.ndt.tiles_used() > 0 && !self.is_key(map_from_robot);
         self.way_m += self.map_from_key.between(map_from_robot).position().norm();
         self.map_from_key = map_from_robot;
         if self.config.odometry.reference == Reference::WholeMap {
@@ -161,7 +162,7 @@ impl LaserOdometry<'_> {
 
     /// The same for the whole map: what moves is not map.
     ///
-    /// * `stands` — it was taken where the last one was, or where the reference begins
+    /// * `stands` — it was taken where the last one was, and is not what the reference begins with
     #[cfg(feature = "witnesses")]
     pub(super) fn extend_map(&mut self, taken: Taken, (points, hits): (usize, usize), stands: bool) -> InsertReport {
         let points = self.points.get(..points).unwrap_or_default();
@@ -192,8 +193,8 @@ impl LaserOdometry<'_> {
 
 /// Draws hits, and the walls between and beside them, in the map.
 ///
-/// * `stands` — the robot has not moved since the last scan, or at all: of a wall that a beam meets at one place only, too much of that place would be
-///   seen. Where all hits are such, nothing is drawn before it moves
+/// * `stands` — the robot has not moved since the last scan that was drawn: of a wall that a beam meets at one place only, too much of that place
+///   would be seen
 fn draw(ndt: &mut NdtGrid<'_>, hits: &[Point2], map_from_robot: Pose2, stands: bool) -> InsertReport {
     let mut inserted = InsertReport::default();
     let mut insert = |hits: &[Point2]| inserted += ndt.insert(hits, map_from_robot);
