@@ -34,7 +34,8 @@ const EXPECTED_SHARE: f32 = 0.3;
 /// That is for scans so far apart that the box is so many times as large, half a second: who is not believed then has gone on by the next one. With scans
 /// close together that one is waited for. Chosen.
 const FAR_SPREAD: f32 = 1.4;
-/// With slow scans witnesses are asked about a place that a scan fits by less than this share of the usual score. Chosen: different rooms reach so much.
+/// With slow scans witnesses, and the wider search, are asked about a place that a scan fits by less than this share of the usual score. Chosen: different
+/// rooms reach so much.
 const REFUTED_SHARE: f32 = 2.0 / 3.0;
 /// A scan that fits elsewhere than expected has to reach so much more of the usual score for each deviation of the forecast, up to [`RETURN_SHARE`]
 /// where nobody else finds a robot that may be anywhere; who does finds one that has leapt, too. Chosen. Robots that drive move farther and fit well, or
@@ -117,12 +118,27 @@ impl LaserOdometry<'_> {
         let points = self.points.get(..count).unwrap_or_default();
         let matched = self.matcher.align(&self.ndt, points, &prediction, &mut self.rng);
         let fits = self.fits(&matched, expected.eye, count) && !self.is_refuted(&matched, predicted, count, forecast);
+        // Between slow scans a robot may have gone farther than the usual box reaches, and what is left of two rooms fits half in it.
+        let is_usual = !self.is_slow() || matched.score_per_point >= REFUTED_SHARE * self.score_per_point;
         // What is left beside somebody who stands against the laser fits in too many places.
-        if fits || (self.doubts && self.is_told) || self.sight.is_half_covered {
+        if (fits && is_usual) || (self.doubts && self.is_told) || self.sight.is_half_covered {
             return (matched, fits);
         }
+        self.find_wider(&matched, fits, expected, (count, &prediction), forecast)
+    }
+
+    /// Where a scan fits that does so badly at `matched`, or less well than usual.
+    fn find_wider(
+        &mut self,
+        matched: &Match,
+        fits: bool,
+        expected: &Taken,
+        (count, prediction): (usize, &Prediction),
+        forecast: &Forecast,
+    ) -> (Match, bool) {
+        let predicted = expected.map_from_robot;
         let wider = FOUND_SPREAD * forecast.spread;
-        let prediction = Prediction { prior: PriorSpread { position: wider, heading: wider }, ..prediction };
+        let prediction = Prediction { prior: PriorSpread { position: wider, heading: wider }, ..*prediction };
         let points = self.points.get(..count).unwrap_or_default();
         let wide = self.matcher.align_anywhere(&self.ndt, points, &prediction, &self.config.recovery, &mut self.rng);
         let turned = predicted.between(wide.map_from_robot).heading.abs();
@@ -133,8 +149,11 @@ impl LaserOdometry<'_> {
             let fits = self.fits(&wide, expected.eye, count) && !self.is_refuted(&wide, predicted, count, forecast);
             return (wide, fits || self.is_confirmed(&wide, predicted, count, forecast));
         }
-        let is_same = is_same(&matched, &wide);
-        let best = if is_better { &wide } else { &matched };
+        if fits {
+            return (*matched, true);
+        }
+        let is_same = is_same(matched, &wide);
+        let best = if is_better { &wide } else { matched };
         if (is_better || is_same) && self.is_confirmed(best, predicted, count, forecast) {
             return (*best, true);
         }
@@ -142,7 +161,7 @@ impl LaserOdometry<'_> {
             && self.is_where_expected(predicted.between(matched.map_from_robot), forecast)
             && is_same
             && matched.score_per_point >= EXPECTED_SHARE * self.score_per_point;
-        (matched, fits)
+        (*matched, fits)
     }
 
     /// True if scans are slow, and the robot cannot have driven to where one fits, or it fits there less well than usual and witnesses contradict it.
