@@ -2,7 +2,7 @@
 //!
 //! The last step again would be what is left of an error: who set off or stopped where nothing told would stand, or go on, until the corridor
 //! ends. So the speed goes towards that at which the robot usually drives, while it goes straight on and what it sees changes, or while
-//! [`Pace`] says that it goes on evenly.
+//! [`Pace`] says that it goes on evenly. If nothing changes, where something does whenever the robot drives, it stands.
 
 use super::change::Change;
 use super::pace::{Pace, STRAIGHT_RAD};
@@ -26,6 +26,8 @@ const ALONG: f32 = 0.85;
 const ACROSS: f32 = 0.5;
 /// … which robots hardly do: share of the last step that is left.
 const SIDEWAYS_LEFT: f32 = 0.7;
+/// The same of who stands, as its view says: it has been compared with one of a second ago.
+const STANDING_LEFT: f32 = 0.3;
 
 /// Of what puts the robot right on the axis, no more than this is how it has driven since the last scan, m: 0.75 m/s more at five scans a second.
 const CORRECTED_MAX_M: f32 = 0.15;
@@ -67,6 +69,8 @@ impl OpenAxis {
             // Who goes backwards by a wrong match does not go on so.
             let usual = if before < -BACKWARDS_M { 0.0 } else { self.usual_m(before) };
             before + TOWARDS_USUAL * (usual - before)
+        } else if self.change.says_that_it_stands() && self.pace.view_tells() {
+            STANDING_LEFT * before
         } else if axis.x < ACROSS {
             SIDEWAYS_LEFT * before
         } else {
@@ -148,6 +152,24 @@ mod tests {
         assert_eq!(drives(&after_a_drive(AHEAD, false), slow, 30), slow);
         let turning = Pose2::new(0.0, 0.0, 0.1);
         assert_eq!(drives(&after_a_drive(AHEAD, true), turning, 30), turning);
+    }
+
+    /// Matches say nothing, so it would go on until one does.
+    #[test]
+    fn who_sees_nothing_change_where_driving_changes_it_stands() {
+        for (interval_s, slow) in [(0.2, 30), (1.0, 10)] {
+            let told = Match { constraint: 0.3, gain: 1.0, weakest_axis: AHEAD, ..Match::none(Pose2::IDENTITY) };
+            let step = Pose2::new(0.5 * interval_s, 0.0, 0.0);
+            let mut open = OpenAxis::default();
+            for scan in 0..100 {
+                look(&mut open, scan, interval_s, 2.0 + 0.1 * (scan % 2) as f32);
+                open.advance(step, &told);
+            }
+            open.advance(step, &Match { constraint: 0.01, gain: 0.0, ..told });
+            assert!(drives(&open, step, 5).x > 0.9 * step.x);
+            (100..100 + slow).for_each(|scan| look(&mut open, scan, interval_s, 2.0));
+            assert!(drives(&open, step, 5).x < 0.01 * step.x, "a scan each {interval_s} s");
+        }
     }
 
     /// Half a metre a second with a view that never changes, then bare walls for ten seconds, where matches take off a third of it in a second.

@@ -27,7 +27,7 @@ const EVEN_FROM: f32 = 20.0;
 /// It is even if it is off by less than this share of it.
 const UNEVEN: f32 = 0.1;
 /// A view that does not change says nothing if so it was in this share of what was driven: more than on Intel and ACES, cut at 4 m, too, and
-/// less than between the bare walls of our simulator.
+/// less than between the bare walls of our simulator. Else it says that the robot stands.
 const UNCHANGED_FROM: f32 = 0.2;
 /// That share is the mean of so many half seconds at most.
 const UNCHANGED_MAX: f32 = 200.0;
@@ -108,13 +108,12 @@ impl Pace {
     }
 
     fn learn_how_even(&mut self, gone: &Stretch, changes: bool, interval_s: f32) {
-        if gone.scans < SCANS_MIN {
-            return;
-        }
         let now = gone.step_m();
         let [before, last] = self.last;
         self.last = [last, now];
-        if let (Some(_), Some(step_m), Some(_)) = (before, last, now) {
+        if gone.scans >= SCANS_MIN
+            && let (Some(_), Some(step_m), Some(_)) = (before, last, now)
+        {
             self.half_seconds = (self.half_seconds + 1.0).min(LEARNED_MAX);
             self.even_m += (step_m - self.even_m) / self.half_seconds;
             let off_m = step_m - self.even_m;
@@ -137,6 +136,11 @@ impl Pace {
     /// Its usual speed may be that of a few steps that were not usual.
     pub(super) fn is_new(&self) -> bool {
         self.even_step_m().is_none() && self.steps < LEARNED_MAX
+    }
+
+    /// True if what the robot sees has changed while it drove: where it does not, it stands.
+    pub(super) fn view_tells(&self) -> bool {
+        self.driven >= EVEN_FROM && self.unchanged < UNCHANGED_FROM
     }
 
     /// The same of a robot that drives on whatever it sees: it has always driven at about one speed, often with a view that did not change, and
@@ -184,6 +188,13 @@ mod tests {
 
     #[test]
     fn a_view_that_stays_says_something_where_it_hardly_ever_does() {
+        for hertz in [1.0, 5.0, 37.5] {
+            assert!(
+                after_a_drive(hertz, 0.0, true).view_tells() && !after_a_drive(hertz, 0.0, false).view_tells(),
+                "{hertz}"
+            );
+        }
+        assert!(!Pace::default().view_tells(), "nobody knows yet");
         let mut pace = after_a_drive(5.0, 0.0, true);
         assert_eq!(pace.even_step_m(), None);
         (0..50).for_each(|_| pace.advance(Pose2::new(0.1, 0.0, 0.0), true, false, 0.2));
