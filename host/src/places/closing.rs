@@ -18,7 +18,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::correlation::{CorrelationGrid, Excluded, SearchWindow};
 use super::pose_graph::Edge;
-use super::submap::Submap;
+use super::submap::{POINTS_APART_M, Submap};
 use crate::pose_f64::PoseF64;
 
 lrfslam_core::config! {
@@ -153,6 +153,9 @@ const CLOSING: Effort = Effort {
     second_misfits_min: Some(SECOND_MISFITS_MIN),
 };
 
+/// Side of a cell of a place's NDT, in distances between the points of a submap, at least: so many of a wall's lie in it, and a cell counts from three on.
+/// Wider ones blur what tells the place along a corridor.
+const CELL_MIN: f32 = 3.0;
 /// Tiles along the side of the directory of a place's NDT.
 const DIRECTORY_SIDE: usize = 256;
 
@@ -169,7 +172,7 @@ pub struct Closer {
 impl Closer {
     /// One that has found nothing yet.
     pub fn new(ndt: &NdtConfig) -> Self {
-        let ndt = NdtConfig { grids: 4, ..*ndt };
+        let ndt = NdtConfig { grids: 4, cell_size_m: ndt.cell_size_m.max(CELL_MIN * POINTS_APART_M), ..*ndt };
         Self {
             directory: vec![DirectoryEntry::default(); ndt.directories() * DIRECTORY_SIDE * DIRECTORY_SIDE],
             ndt,

@@ -16,7 +16,7 @@ use crate::scans::store::ScanStore;
 /// Edge of a square, m.
 const SQUARE_M: f32 = 0.1;
 /// One point is kept of each square of this edge, m, and part of a turn that walls face.
-const VOXEL_M: f32 = 0.15;
+pub(super) const POINTS_APART_M: f32 = 0.15;
 /// A wall this many squares away is the same wall.
 const SAME_SQUARES: i32 = 1;
 /// A wall in free space counts as missing if there is none within so many squares.
@@ -55,7 +55,7 @@ impl Submap {
             squares.insert(&sweep, pose);
             for hit in store.hits(scan as usize, range_max_m) {
                 let point = pose.transform(hit);
-                let CellIndex { column, row } = CellIndex::containing(point, VOXEL_M);
+                let CellIndex { column, row } = CellIndex::containing(point, POINTS_APART_M);
                 let key = (row, column, planes.of(point.facing, 0.0));
                 let none = Point2 { facing: point.facing, ..Point2::default() };
                 let (sum, count) = voxels.entry(key).or_insert((none, 0.0));
