@@ -7,7 +7,7 @@ use std::path::Path;
 
 use lrfslam_app::config::RunConfig;
 use lrfslam_core::geometry::Pose2;
-use lrfslam_core::time::Duration;
+use lrfslam_core::time::{Duration, Instant};
 use lrfslam_host::mapping::saved_map::SavedMap;
 use lrfslam_host::maps::contradictions::RevisitedWalls;
 use lrfslam_host::runs::map::{MapRun, RunMemory};
@@ -78,11 +78,14 @@ impl RelationBounds {
     }
 }
 
-fn check_floor(levels: u16, bounds: &PathBounds) {
+fn check_floor(levels: u16, seed: u64, bounds: &PathBounds) {
     let example = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(name);
-    let path = path_of(&example("floor.log.gz"), levels, 1);
+    let path = path_of(&example("floor.log.gz"), levels, seed);
     let truth = read_trajectory(&example("floor.tum.gz")).unwrap();
-    bounds.check(&format!("floor, levels {levels}"), &evaluate_truth(&path, &truth, TOLERANCE, STRETCH_M).unwrap());
+    bounds.check(
+        &format!("floor, levels {levels}, seed {seed}"),
+        &evaluate_truth(&path, &truth, TOLERANCE, STRETCH_M).unwrap(),
+    );
 }
 
 /// Maps `log` of the real data, if it is there, and judges the path by relations.
@@ -111,22 +114,24 @@ fn check_aces(levels: u16, relations: &RelationBounds, gmapping: &PathBounds) {
     gmapping.check(&format!("aces against GMapping, levels {levels}"), &report);
 }
 
-/// Seeds 1 to 5: 0.0039, 0.0035, 0.0041, 0.0042, 0.0039 m; at the worst 0.0171 m. It was ten times as much when walls were matched with their other sides.
+/// Seeds 1 to 5: 0.0040, 0.0040, 0.0038, 0.0038, 0.0039 m; at the worst 0.0175 m. It was ten times as much when walls were matched with their other sides.
 #[test]
 fn floor_by_matching_alone() {
-    check_floor(0, &PathBounds { rmse_m: 0.0048, worst_m: 0.0185 });
+    check_floor(0, 1, &PathBounds { rmse_m: 0.0048, worst_m: 0.0185 });
 }
 
-/// Seeds 1 to 5: 0.0039, 0.0036, 0.0041, 0.0042, 0.0038 m; at the worst 0.0206 m.
+/// Seeds 1 to 5: 0.0039, 0.0036, 0.0038, 0.0036, 0.0037 m; at the worst 0.0184 m.
 #[test]
 fn floor_by_particles() {
-    check_floor(1, &PathBounds { rmse_m: 0.0047, worst_m: 0.0166 });
+    check_floor(1, 1, &PathBounds { rmse_m: 0.0047, worst_m: 0.0166 });
 }
 
 /// Seeds 1 to 5: 0.0048, 0.0043, 0.0044, 0.0037, 0.0037 m; at the worst 0.0150 m.
 #[test]
 fn floor_with_loops_closed() {
-    check_floor(2, &PathBounds { rmse_m: 0.0052, worst_m: 0.0165 });
+    for seed in [1, 4] {
+        check_floor(2, seed, &PathBounds { rmse_m: 0.0045, worst_m: 0.0165 });
+    }
 }
 
 /// Seeds 1 to 5: 0.0171, 0.0173, 0.0173, 0.0163, 0.0172 m, at the worst 0.38 m, 0.7 to 1.0 %.
@@ -247,4 +252,30 @@ fn a_path_drifts_as_it_says_with_few_beams_too() {
     let run = run_envelope(place, row, 5, &scans, &relations, results).unwrap().unwrap();
     println!("{run:?} {drift_ratio:?}");
     assert!(run.mean_m < 0.047 && drift_ratio.is_some_and(|ratio| ratio < 1.2), "{run:?} {drift_ratio:?}");
+}
+
+/// From 877 s to 893 s ACES's robot stands in a corridor whose scans do not tell how far it goes. With every 4th scan it is taken to go on by 0.13 m at the
+/// most, with each of four seeds and each first scan. Before its view told that it stands, that was up to 12 m with seven of sixteen runs.
+#[test]
+#[ignore = "heavy: run by .ci/run"]
+fn who_stops_in_a_corridor_between_slow_scans_stands() {
+    let Some(log) = real_data("logs/aces.clf.gz") else { return };
+    let config = RunConfig::default();
+    let scans: Vec<LogScan> = LogReader::open(&log, config.log_options()).unwrap().collect::<Result<_, _>>().unwrap();
+    let gone = |first: usize, seed: u64| {
+        let mut memory = RunMemory::new(&config.mapping(), 2);
+        let mut run = MapRun::new(&config.mapping(), seed, &mut memory).unwrap();
+        for scan in scans.iter().skip(3578 + first).step_by(4).take(218) {
+            run.add_scan(&scan.scan(), config.robot_from_lrf(), None).unwrap();
+        }
+        run.finish();
+        let path = run.trajectory();
+        let at = |second: i64| path.iter().find(|pose| pose.stamp >= Instant::from_micros(second * 1_000_000)).unwrap();
+        at(877).map_from_robot.between(at(893).map_from_robot).position().norm()
+    };
+    for (first, seed) in [(0, 1), (1, 15), (2, 3), (3, 1), (3, 15)] {
+        let gone_m = gone(first, seed);
+        println!("from scan {first}, seed {seed}: {gone_m:.3} m");
+        assert!(gone_m < 0.3, "from scan {first}, seed {seed}: {gone_m} m");
+    }
 }
