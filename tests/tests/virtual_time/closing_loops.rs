@@ -28,14 +28,15 @@ fn places_recognised_close_the_loop() {
     assert!(revisit_m.count > 5 && revisit_m.max < 0.25, "{revisit_m:?}");
 }
 
-/// Without anything that closes loops the same drive stays open: the test above shows the closures, not a good low level.
+/// Without anything that closes loops the same drive stays open: the test above shows the closures, not a good low level. In the mean of twenty seeds:
+/// one is 0.16 to 0.8 m off when open, 0.08 to 0.27 m when closed.
 #[test]
 fn without_closures_the_loop_stays_open() {
     let drive = drive();
     let revisit_m = |enabled| {
         let mut config = RunConfig::default();
         config.closure.enabled = enabled;
-        let mapped: Vec<_> = (1..=4).map(|seed| drive.map(&config, seed, 2)).collect();
+        let mapped: Vec<_> = (1..=20).map(|seed| drive.map(&config, seed, 2)).collect();
         assert_eq!(mapped.iter().all(|mapped| mapped.counts.unwrap().closures == 0), !enabled);
         mapped.iter().map(|mapped| mapped.report.revisit_m.max).sum::<f64>() / mapped.len() as f64
     };
