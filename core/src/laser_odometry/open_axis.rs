@@ -5,6 +5,7 @@
 //! [`Pace`] says that it goes on evenly. If nothing changes, where something does whenever the robot drives, it stands.
 
 use super::change::Change;
+use super::course::SLOW_S;
 use super::pace::{Pace, STRAIGHT_RAD};
 use crate::geometry::{Point2, Pose2};
 use crate::matcher::Match;
@@ -26,7 +27,7 @@ const ALONG: f32 = 0.85;
 const ACROSS: f32 = 0.5;
 /// … which robots hardly do: share of the last step that is left.
 const SIDEWAYS_LEFT: f32 = 0.7;
-/// The same of who stands, as its view says: it has been compared with one of a second ago.
+/// The same of who stands, as its view says, where scans are slow: it has been compared with one of a second ago.
 const STANDING_LEFT: f32 = 0.3;
 
 /// Of what puts the robot right on the axis, no more than this is how it has driven since the last scan, m: 0.75 m/s more at five scans a second.
@@ -69,7 +70,7 @@ impl OpenAxis {
             // Who goes backwards by a wrong match does not go on so.
             let usual = if before < -BACKWARDS_M { 0.0 } else { self.usual_m(before) };
             before + TOWARDS_USUAL * (usual - before)
-        } else if self.change.says_that_it_stands() && self.pace.view_tells() {
+        } else if self.interval_s >= SLOW_S && self.change.says_that_it_stands() && self.pace.view_tells() {
             STANDING_LEFT * before
         } else if axis.x < ACROSS {
             SIDEWAYS_LEFT * before
@@ -157,7 +158,7 @@ mod tests {
     /// Matches say nothing, so it would go on until one does.
     #[test]
     fn who_sees_nothing_change_where_driving_changes_it_stands() {
-        for (interval_s, slow) in [(0.2, 30), (1.0, 10)] {
+        for (interval_s, slow) in [(1.0, 10), (1.5, 10)] {
             let told = Match { constraint: 0.3, gain: 1.0, weakest_axis: AHEAD, ..Match::none(Pose2::IDENTITY) };
             let step = Pose2::new(0.5 * interval_s, 0.0, 0.0);
             let mut open = OpenAxis::default();
