@@ -140,6 +140,8 @@ pub struct RobotCounts {
     pub refused_scans: u32,
     /// Particles that went because no map tile was free.
     pub dropped_particles: u32,
+    /// Squares of its map left out because no map tile was free with one particle left.
+    pub squares_left_out: u32,
     /// Map tiles that the robot left with its host.
     pub tiles_left: u32,
     /// Map tiles that it took back.

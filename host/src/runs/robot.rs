@@ -209,7 +209,7 @@ impl<C: Serialize + Clone> RobotRun<C> {
 
     fn counts(&self, damaged_frames: u32) -> RobotCounts {
         let Status { untold_sweeps, late_scans, refused_scans, dropped_particles, damaged, restarts, .. } = self.status;
-        let Status { tiles_left, tiles_restored, tiles_forgotten, .. } = self.status;
+        let Status { squares_left_out, tiles_left, tiles_restored, tiles_forgotten, .. } = self.status;
         RobotCounts {
             board: self.board.clone(),
             is_from_start: self.map().is_from_start(),
@@ -219,6 +219,7 @@ impl<C: Serialize + Clone> RobotRun<C> {
             late_scans,
             refused_scans,
             dropped_particles,
+            squares_left_out,
             tiles_left,
             tiles_restored,
             tiles_forgotten,

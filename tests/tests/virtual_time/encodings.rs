@@ -201,6 +201,7 @@ fn status() -> Status {
         particles: 3,
         tiles: 4,
         dropped_particles: 5,
+        squares_left_out: 15,
         refused_scans: 6,
         damaged: 7,
         restarts: 8,

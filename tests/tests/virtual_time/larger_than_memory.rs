@@ -15,8 +15,10 @@ const DRIVES: usize = 15;
 const DRIVE: Duration = Duration::from_millis(9500);
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// Tiles of the small memory.
-const TILES: usize = 260;
+/// Tiles of the small memory: all of the square about the robot (15 by 15), the 30 kept free for those that return, and the 32 that leave at once.
+const TILES: usize = 288;
+/// Tiles that are too few for that.
+const TILES_TOO_FEW: usize = 200;
 /// Tiles for so many particles: some hundred more would do for all of them.
 const TILES_OF_MANY: usize = 400;
 const PARTICLES: u16 = 12;
@@ -83,16 +85,25 @@ fn map_and_poses_are_those_of_a_robot_with_memory_for_all() {
     let (large, status, with_large) = drive(1, 20_000, Host::IsAway, (LineFaults::default(), 1));
     let large = large.lives[0].map.tiles();
     let tiles = large.len();
-    assert_eq!((status.tiles_forgotten, status.dropped_particles), (0, 0));
+    assert_eq!((status.tiles_forgotten, status.dropped_particles, status.squares_left_out), (0, 0, 0));
     assert!(with_large.tiles >= tiles, "all of its map was in its memory");
     let good = LineFaults::default();
     for (host, faults) in [(Host::Stays, good), (Host::Stays, LineFaults::all(0.01)), (Host::IsKilled, good)] {
         let (small, status, with_small) = drive(1, TILES, host, (faults, 1));
         assert!(TILES < tiles && status.tiles_left > 100 && status.tiles_restored > 20, "{tiles}, {status:?}");
-        assert_eq!((status.tiles_forgotten, status.dropped_particles), (0, 0), "{status:?}");
+        let lost = (status.tiles_forgotten, status.dropped_particles, status.squares_left_out);
+        assert_eq!(lost, (0, 0, 0), "{status:?}");
         assert_eq!((with_small.scans, with_small.poses), (with_large.scans, with_large.poses), "{host:?} {faults:?}");
         assert!(small.lives[0].map.tiles() == large, "{host:?} {faults:?}");
     }
+}
+
+#[test]
+fn memory_too_small_for_what_is_near_is_said() {
+    let (disk, status, _) = drive(1, TILES_TOO_FEW, Host::Stays, (LineFaults::default(), 1));
+    assert!(disk.lives[0].map.is_complete() && status.squares_left_out > 0, "{status:?}");
+    let said = &disk.said;
+    assert!(said.iter().any(|text| text.starts_with("the map's memory is full: ")), "{said:?}");
 }
 
 /// How many tiles are free decides which particles stay, and what has left and returned decides how many are free. So a map depends on the line if an

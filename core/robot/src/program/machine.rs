@@ -1,13 +1,12 @@
 //! The state machine: inputs in, outputs to [`Ports`].
 
-use core::fmt::Write as _;
-
 use super::laser::Laser;
 use super::mapping::{Mapped, Mapping};
 use super::paging::Paging;
 use super::pools::RobotMemory;
 use super::report::MapReport;
 use super::sweep_report::SweepReport;
+use super::words::{Said, leave_out, leave_squares_out, remember, say};
 use crate::wire::lock::Lock;
 use crate::wire::message::{Capacities, FromRobot, Health, PARTICLES_MAX, ScanPose, Status};
 use crate::wire::session::{QueueFullError, Session, SessionMemory};
@@ -81,9 +80,6 @@ pub struct Robot<'m> {
     pub(super) laser_connected: bool,
     pub(super) restart_at: Instant,
 }
-
-/// Words for the host.
-type Said = heapless::Deque<heapless::String<96>, 4>;
 
 /// To a request.
 #[derive(Debug, Clone)]
@@ -245,7 +241,7 @@ impl<'m> Robot<'m> {
                 Output::SetBaud(baud) => ports.set_laser_baud(baud),
                 Output::Event(Event::Scan(_)) if ports.is_behind() => leave_out(status, said),
                 Output::Event(Event::Scan(scan)) => {
-                    let Ok(mapped) = map_scan(mapping, &scan, status) else { continue };
+                    let Ok(mapped) = map_scan(mapping, &scan, status, said) else { continue };
                     if mapped.report.filter.is_some() {
                         map_report.map_changed();
                     }
@@ -331,17 +327,14 @@ fn page(
     }
 }
 
-/// A scan that comes when newer ones wait: said the first time, the second, the fourth …
-fn leave_out(status: &mut Status, said: &mut Said) {
-    status.late_scans = status.late_scans.saturating_add(1);
-    if status.late_scans.is_power_of_two() {
-        say(said, format_args!("scans come faster than they are mapped: {} left out so far", status.late_scans));
-    }
-}
-
 // Its own frame: what follows from a scan is told when it is gone.
 #[inline(never)]
-fn map_scan(mapping: &mut Mapping<'_>, scan: &RangeScan<'_>, status: &mut Status) -> Result<Mapped, ScanCapacityError> {
+fn map_scan(
+    mapping: &mut Mapping<'_>,
+    scan: &RangeScan<'_>,
+    status: &mut Status,
+    said: &mut Said,
+) -> Result<Mapped, ScanCapacityError> {
     let mapped =
         mapping.add_scan(scan).inspect_err(|_| status.refused_scans = status.refused_scans.saturating_add(1))?;
     status.scans = status.scans.saturating_add(1);
@@ -352,6 +345,7 @@ fn map_scan(mapping: &mut Mapping<'_>, scan: &RangeScan<'_>, status: &mut Status
         status.particles = filter.particles as u16;
         status.tiles = filter.tiles as u16;
         status.dropped_particles = status.dropped_particles.saturating_add(filter.dropped as u32);
+        leave_squares_out(filter.squares_left_out, status, said);
     }
     Ok(mapped)
 }
@@ -361,28 +355,4 @@ fn new_session(epoch: u32, memory: SessionMemory<'_>) -> Session<'_> {
     let mut session = Session::new(epoch, None, memory);
     session.set_credit(CREDIT);
     session
-}
-
-/// What the laser does, in words for the host.
-fn remember(said: &mut Said, event: &Event<'_>) {
-    match event {
-        Event::Found { baud } => say(said, format_args!("laser found at {baud} bit/s")),
-        Event::Identified(identity) => say(said, format_args!("laser is {}", identity.model.trim())),
-        Event::Streaming { .. } => say(said, format_args!("laser sends scans")),
-        Event::Trouble(trouble) => say(said, format_args!("{trouble}")),
-        Event::Stopped { laser_off: true } => say(said, format_args!("laser is off")),
-        Event::Stopped { laser_off: false } => say(said, format_args!("laser has not confirmed that it is off")),
-        Event::Brightness(_) | Event::Scan(_) => {}
-    }
-}
-
-/// When it says more than fits, the oldest goes.
-pub(super) fn say(said: &mut Said, words: core::fmt::Arguments<'_>) {
-    let mut text = heapless::String::new();
-    // A text that does not fit is cut.
-    let _ = text.write_fmt(words);
-    if said.is_full() {
-        let _ = said.pop_front();
-    }
-    let _ = said.push_back(text);
 }

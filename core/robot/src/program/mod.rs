@@ -10,6 +10,7 @@ mod report;
 mod requests;
 mod square;
 mod sweep_report;
+mod words;
 
 pub use fit::Misfit;
 pub use machine::{Input, Ports, Robot};

@@ -4,9 +4,10 @@ use core::fmt::Write as _;
 
 use super::fit::misfit;
 use super::laser::Laser;
-use super::machine::{Answer, Ports, Robot, Running, Work, say, tell_path};
+use super::machine::{Answer, Ports, Robot, Running, Work, tell_path};
 use super::mapping::Mapping;
 use super::paging::{Paging, TileCounts};
+use super::words::say;
 use crate::config::RobotConfig;
 use crate::wire::frame::MAX_FRAME;
 use crate::wire::message::{FromRobot, Health, Identity, Status, ToRobot};

@@ -178,6 +178,8 @@ pub struct Status {
     pub tiles: u16,
     /// Particles that had to go because no tile was free, since the start.
     pub dropped_particles: u32,
+    /// Squares of the map left out because no tile was free with one particle left, since the start.
+    pub squares_left_out: u32,
     /// Scans that could not be used: larger than the memory.
     pub refused_scans: u32,
     /// Scans and replies of the laser that were damaged.

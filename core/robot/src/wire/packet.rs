@@ -6,7 +6,7 @@ use crate::config::RobotConfig;
 use lrfslam_core::config::Layout as _;
 
 /// Version of this protocol; ends of different versions do not talk.
-pub const VERSION: u16 = 10;
+pub const VERSION: u16 = 11;
 /// Fingerprint of the configuration that a robot is given: as this program has it.
 pub const LAYOUT: u32 = RobotConfig::LAYOUT;
 /// Number of [`Packet::Hello`], in every version.

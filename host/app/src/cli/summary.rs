@@ -84,6 +84,8 @@ fn map_notes(report: &RunReport) -> Vec<Note> {
         lost_scans, blind_scans, frozen_scans, undetermined_scans, dropped_points, forgotten_tiles, ..
     } = report.matching;
     let (tiles, points) = (count(forgotten_tiles, "tile"), count(dropped_points, "point"));
+    let (dropped, left_out) =
+        report.particles.as_ref().map_or((0, 0), |particles| (particles.dropped, particles.squares_left_out));
     vec![
         (report.beams.hits == 0, "no beam hit anything: there is no map".to_owned()),
         (lost_scans > 0, format!("{} agreed too little with the map to be believed", count(lost_scans, "scan"))),
@@ -102,6 +104,14 @@ fn map_notes(report: &RunReport) -> Vec<Note> {
         (
             dropped_points + forgotten_tiles > 0,
             format!("memory.ndt_tiles is too small: {tiles} forgotten, {points} found no room"),
+        ),
+        (
+            dropped + left_out > 0,
+            format!(
+                "memory.map_tiles is too small: {} went, {} left out",
+                count(dropped, "particle"),
+                count(left_out, "square")
+            ),
         ),
     ]
 }
@@ -182,6 +192,13 @@ fn robot_notes(robot: &RobotCounts) -> Vec<Note> {
             format!("{} with more beams than the robot has memory for (--cluster)", scans(refused_scans)),
         ),
         (dropped_particles > 0, format!("{particles} went because the robot's memory was full")),
+        (
+            robot.squares_left_out > 0,
+            format!(
+                "the robot's memory was full: {} of its map left out",
+                count(robot.squares_left_out.into(), "square")
+            ),
+        ),
         (robot.restarts > 0, format!("the robot started its laser anew {}", count(robot.restarts.into(), "time"))),
         (robot.damaged > 0, format!("{} of the laser's scans and replies refused as damaged", robot.damaged)),
         (

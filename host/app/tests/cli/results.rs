@@ -67,6 +67,20 @@ fn matching_alone_takes_no_steps_of_the_filter() {
 }
 
 #[test]
+fn memory_too_small_for_the_map_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    drive_log(folder.path());
+    let full = ["--set", "memory.map_tiles=256", "--set", "particle_map.square_size_m=0.01"];
+    for (more, is_full) in [(&[][..], false), (&full, true)] {
+        let map = ["map", "hall.log", "--out", "out", "--overwrite", "--particles", "30", "--levels", "1"];
+        let (code, stdout, stderr) = run(folder.path(), &[&map, more].concat());
+        assert_eq!((code, stderr.as_str()), (0, ""));
+        let note = stdout.lines().find(|line| line.starts_with("note: memory.map_tiles is too small: "));
+        assert_eq!(note.is_some_and(|note| !note.ends_with(" 0 squares left out")), is_full, "{stdout}");
+    }
+}
+
+#[test]
 fn calibration_is_a_configuration() {
     let folder = tempfile::tempdir().unwrap();
     drive_log(folder.path());
