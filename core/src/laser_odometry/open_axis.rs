@@ -2,7 +2,8 @@
 //!
 //! The last step again would be what is left of an error: who set off or stopped where nothing told would stand, or go on, until the corridor
 //! ends. So the speed goes towards that at which the robot usually drives, while it goes straight on and what it sees changes, or while
-//! [`Pace`] says that it goes on evenly. If nothing changes, where something does whenever the robot drives, it stands.
+//! [`Pace`] says that it goes on evenly. If nothing changes, where something does whenever the robot drives, or if the robot keeps its heading too, and
+//! else wavers, it stands.
 
 use super::change::Change;
 use super::course::SLOW_S;
@@ -27,7 +28,7 @@ const ALONG: f32 = 0.85;
 const ACROSS: f32 = 0.5;
 /// … which robots hardly do: share of the last step that is left.
 const SIDEWAYS_LEFT: f32 = 0.7;
-/// The same of who stands, as its view says, where scans are slow: it has been compared with one of a second ago.
+/// The same of who stands, as its view says: it has been compared with one of a second ago.
 const STANDING_LEFT: f32 = 0.3;
 
 /// Of what puts the robot right on the axis, no more than this is how it has driven since the last scan, m: 0.75 m/s more at five scans a second.
@@ -70,7 +71,7 @@ impl OpenAxis {
             // Who goes backwards by a wrong match does not go on so.
             let usual = if before < -BACKWARDS_M { 0.0 } else { self.usual_m(before) };
             before + TOWARDS_USUAL * (usual - before)
-        } else if self.interval_s >= SLOW_S && self.change.says_that_it_stands() && self.pace.view_tells() {
+        } else if self.stands() {
             STANDING_LEFT * before
         } else if axis.x < ACROSS {
             SIDEWAYS_LEFT * before
@@ -79,6 +80,14 @@ impl OpenAxis {
         };
         let more = expected - along(step);
         Pose2 { x: step.x + more * axis.x, y: step.y + more * axis.y, ..step }
+    }
+
+    /// True if what the robot sees is as it was a second ago, and that tells. With fast scans it does not tell alone: it is asked often, and bare
+    /// walls may be alike for longer than from one slow scan to the next.
+    fn stands(&self) -> bool {
+        let is_told =
+            if self.interval_s >= SLOW_S { self.pace.view_tells() } else { self.pace.keeps_heading_as_who_stands() };
+        is_told && self.change.says_that_it_stands()
     }
 
     /// The usual step; as long as it is not known, that of a walk. Who is hardly known, and faster, goes on so.
