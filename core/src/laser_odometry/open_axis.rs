@@ -182,6 +182,27 @@ mod tests {
         }
     }
 
+    /// The same with five scans a second, where the view does not tell alone: of two robots that drive as fast one wavers, by a degree in a second.
+    #[test]
+    fn who_keeps_his_heading_with_fast_scans_stands_if_he_wavers_else() {
+        for (waver_rad, stands) in [(0.02, true), (0.0, false)] {
+            let told = Match { constraint: 0.3, gain: 1.0, weakest_axis: AHEAD, ..Match::none(Pose2::IDENTITY) };
+            let untold = Match { constraint: 0.01, gain: 0.0, ..told };
+            let step = Pose2::new(0.1, 0.0, 0.0);
+            let mut open = OpenAxis::default();
+            for scan in 0..100 {
+                look(&mut open, scan, 0.2, 2.0 + 0.1 * (scan % 2) as f32);
+                let turn = if scan / 5 % 2 == 0 { waver_rad } else { -waver_rad };
+                open.advance(Pose2 { heading: 0.2 * turn, ..step }, &told);
+            }
+            for scan in 100..115 {
+                look(&mut open, scan, 0.2, 2.0);
+                open.advance(step, &untold);
+            }
+            assert_eq!(drives(&open, step, 5).x < 0.01 * step.x, stands, "it wavers by {waver_rad}");
+        }
+    }
+
     /// Half a metre a second with a view that never changes, then bare walls for ten seconds, where matches take off a third of it in a second.
     #[test]
     fn matches_between_bare_walls_do_not_bring_an_even_robot_to_a_stand() {

@@ -292,7 +292,7 @@ fn who_stops_in_a_corridor_between_slow_scans_stands() {
     }
 }
 
-/// With all scans, and a view of 4 m: 0.04 to 0.2 m. Before its heading told that it stands, it was lost before that, with each of these seeds.
+/// With all scans, and a view of 4 m: up to 0.15 m. Before its heading told that it stands, it was lost ahead of that, with each of these seeds.
 #[test]
 #[ignore = "heavy: run by .ci/run"]
 fn who_stops_in_a_corridor_with_a_short_view_stands() {
